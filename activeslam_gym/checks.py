@@ -1,0 +1,194 @@
+"""Checks of registered parts before an episode is played, as Gymnasium's `check_env` does for environments.
+
+    check_scene({"scene": "mine"})
+    check_sensor({"sensor": "mine"})
+    check_estimator({"estimator": "mine"})
+
+Each takes a scenario and raises ValueError for the first law that its part breaks; the message names the part.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from activeslam_gym.config import Scenario, scenario_from
+from activeslam_gym.envs.active_slam import ActiveSLAMEnv
+from activeslam_gym.motion import CAMERA_DIM, POSITION, QUATERNION
+from activeslam_gym.registry import array_of, asked
+from activeslam_gym.sensors.sensor import POINTS, SENSORS, Detections
+from activeslam_gym.slam.belief import start_of
+from activeslam_gym.slam.estimator import EKF
+from activeslam_gym.world.room import draw_scene
+
+RAYS = 300
+NEAR = 1e-3  # before and behind a surface [m]
+GRAZING = 0.02  # share of rays that may graze a surface, where rounding decides
+STEPS = 20
+OVERCONFIDENT = 10.0  # times the expected normalised error squared
+Given = str | Mapping[str, Any] | Scenario
+
+
+def check_scene(scenario: Given, seed: int = 0) -> None:
+    """Check the scene of a scenario: bounds, lines of sight, clearances and samples agree with each other.
+
+    Raises:
+        ValueError: it fails, answers in another form, or breaks a law: two scenes of one seed are equal; a line of
+            sight is blocked both ways or none; a body that stops a point blocks the line through it; a sampled point is
+            on a surface, with its normal into free space, and hides itself from nobody.
+    """
+    of = scenario_from(scenario)
+    what, rng = f"the scene {of.scene!r}", np.random.default_rng(seed)
+    scene, again = (draw_scene(of, np.random.default_rng(seed)) for _ in range(2))
+    half, (low, high) = 0.5 * np.array(of.room_size), scene.bounds
+    points, normals = scene.sample(RAYS, np.random.default_rng(seed))
+    same = np.array_equal(points, again.sample(RAYS, np.random.default_rng(seed))[0])
+    _demand(same, what, "is another one each time, from the same seed")
+    places = rng.uniform(low, high, (RAYS, 3))
+    free = scene.clearance(places, _unit(rng.standard_normal((RAYS, 3))), 1.0) > NEAR
+    _demand(free.any(), what, "has no free place among 300 of its bounds")
+    places = places[free]
+    ways, far = _unit(rng.standard_normal((len(places), 3))), float(np.linalg.norm(high - low))
+    reach = scene.clearance(places, ways, far)
+    wrong_before, wrong_behind, one_way = 0, 0, 0
+    for a, way, length in zip(places, ways, reach, strict=True):
+        before, behind = scene.blocks(a, np.array((a + way * (length - NEAR), a + way * (length + NEAR))))
+        wrong_before += bool(before and length > NEAR)
+        inside = (np.abs(a + way * (length + NEAR)) < half).all()  # the room's walls hide nothing inside
+        wrong_behind += bool(not behind and length < far and inside)
+        target = points[rng.integers(len(points))]
+        one_way += bool(scene.blocks(a, target[None])[0] != scene.blocks(target, a[None])[0])
+    few = GRAZING * len(places)
+    _demand(wrong_before <= few, what, f"blocks() cuts {wrong_before} of {len(places)} lines before their clearance()")
+    _demand(wrong_behind <= few, what, f"blocks() lets {wrong_behind} of {len(places)} lines past their clearance()")
+    _demand(one_way <= few, what, f"blocks() differs from b to a in {one_way} of {len(places)} lines")
+    outside, on_wall = points + 10.0 * NEAR * normals, (np.abs(np.abs(points) - half) < NEAR).any(axis=1)
+    back = scene.clearance(outside, -normals, 1.0)
+    apart = int((~on_wall & (np.abs(back - 10.0 * NEAR) > NEAR)).sum())
+    _demand(apart <= few, what, f"sample() has {apart} of {RAYS} points that are on no surface, or normals into it")
+    hidden = sum(bool(scene.blocks(a, b[None])[0]) for a, b in zip(outside, points, strict=True))
+    _demand(hidden <= few, what, f"blocks() hides {hidden} of {RAYS} points from the place before their own surface")
+
+
+def check_sensor(scenario: Given, seed: int = 0) -> None:
+    """Check the sensor of a scenario, and its model.
+
+    Raises:
+        ValueError: it fails, answers in another form, or breaks a law: noise depends on the seed and the time alone; it
+            is that of the model's covariance; Jacobians are the numerical ones; what is measured is visible.
+    """
+    of = scenario_from(scenario)
+    what = f"the sensor {of.sensor!r}"
+    if of.sensor in SENSORS.own:
+        raise ValueError(f"{what} is the package's own; allowed: a registered one")
+    env = ActiveSLAMEnv(replace(of, sensor=POINTS, estimator=EKF), end_when_lost=False)
+    env.reset(seed=seed)
+    first, twin = (asked(what, SENSORS[of.sensor], of, np.random.SeedSequence(seed)) for _ in range(2))
+    model = asked(f"model() of {what}", first.model)
+    noise = asked(f"noise of the model of {what}", lambda: np.array(model.noise, float))
+    covariance = noise.ndim == 2 and (noise == noise.T).all() and _positive(noise)
+    _demand(covariance, what, "has a noise that is no covariance")
+    rng, squares, seen, unseen = np.random.default_rng(seed), [], 0, 0
+    for frame in range(STEPS):
+        env.step(env.action_space.sample() if frame else (0, 0))
+        truth, time = env.truth, float(env.time)
+        camera = np.concatenate((truth.position, truth.quaternion, truth.velocity, truth.angular_velocity))
+        points = np.concatenate((truth.fiducials, truth.landmarks))
+        values, labels = _measured(first, what, truth, time, len(noise), len(points))
+        same = [_measured(one, what, truth, time, len(noise), len(points))[0] for one in (first, twin)]
+        for one in (first, twin):
+            same = np.array_equal(values, _measured(one, what, truth, time, len(noise), len(points))[0])
+            _demand(same, what, "measures something else at the same time, from the same seed")
+        visible = array_of(f"visible() of {what}", model.visible(env.belief, camera, points), (len(points),), bool)
+        real = labels >= 0
+        seen, unseen = seen + int(visible[labels[real]].sum()), unseen + int((~visible[labels[real]]).sum())
+        for value, label in zip(values[real], labels[real], strict=True):
+            z, H_x, H_y = _predicted(model, what, camera, points[label], len(noise))
+            squares.append((value - z) @ np.linalg.solve(noise, value - z))
+            if rng.random() < 0.1:
+                _check_jacobians(model, what, camera, points[label], H_x, H_y)
+    _demand(len(squares) > 0, what, f"measured no landmark in {STEPS} steps")
+    _demand(unseen <= 0.1 * (seen + unseen), what, f"measures {unseen} of {seen + unseen} that visible() denies")
+    mean, slack = float(np.mean(squares)) / len(noise), 6.0 * np.sqrt(2.0 / (len(noise) * len(squares)))
+    _demand(abs(mean - 1.0) <= slack + 0.1, what, f"has {mean:.2f} times the noise that its model tells")
+
+
+def check_estimator(scenario: Given, seed: int = 0) -> None:
+    """Check the estimator of a scenario in a short episode of random actions; forms are checked by the environment.
+
+    Raises:
+        ValueError: it fails, answers in another form, or breaks a law: it begins with the prior; covariances are
+            positive definite; a landmark keeps its id; errors are not over `OVERCONFIDENT` times what it believes.
+    """
+    of = scenario_from(scenario)
+    what = f"the estimator {of.estimator!r}"
+    env = ActiveSLAMEnv(of, end_when_lost=False)
+    env.reset(seed=seed)
+    env.action_space.seed(seed)
+    prior, begun = np.diag(start_of(of)[1]), np.diag(env.belief.covariance)[:CAMERA_DIM]
+    _demand(np.allclose(begun, prior, rtol=1e-3, atol=1e-12), what, f"begins with variances {begun}, not {prior}")
+    nees, mapped = [], 0
+    for _ in range(STEPS):
+        env.step(env.action_space.sample())
+        belief = env.belief
+        _demand(_positive(belief.covariance), what, f"has a covariance that is not positive definite at {env.time:g} s")
+        mapped = max(mapped, len(belief.landmarks))
+        nees.append([env.nees()[part] for part in ("position", "orientation")])
+    _demand(mapped > 0, what, f"has no landmark after {env.time:g} s")
+    mean = float(np.median(nees))
+    _demand(mean <= OVERCONFIDENT, what, f"is overconfident: its errors squared are {mean:.0f} times what it believes")
+
+
+def _demand(holds: Any, what: str, breach: str) -> None:
+    if not holds:
+        raise ValueError(f"{what} {breach}")
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
+
+
+def _positive(P: np.ndarray) -> bool:
+    """Whether a covariance is positive definite, in units of its own deviations."""
+    size = np.sqrt(np.maximum(np.diag(P), 1e-300))
+    return bool(np.isfinite(P).all() and np.linalg.eigvalsh(P / np.outer(size, size)).min() > -1e-9)
+
+
+def _measured(sensor: Any, what: str, truth: Any, time: float, d: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """(M, d) measurements, and of which of ``count`` points each is, or -1."""
+    given = asked(f"measure() of {what}", lambda: Detections(*sensor.measure(truth, time)))
+    values = array_of(f"values of measure() of {what}", given.values, (None, d))
+    labels = array_of(f"labels of measure() of {what}", given.labels, (len(values),), int)
+    _demand(np.isfinite(values).all(), what, "measures what is not finite")
+    _demand(((-1 <= labels) & (labels < count)).all(), what, f"has labels outside of -1 … {count - 1}: {labels}")
+    return values, labels
+
+
+def _predicted(model: Any, what: str, camera: np.ndarray, point: np.ndarray, d: int) -> list[np.ndarray]:
+    answer = asked(f"predict() of the model of {what}", lambda: tuple(model.predict(camera, point)))
+    _demand(len(answer) == 3, what, f"predicts {len(answer)} arrays, not a measurement and two Jacobians")
+    shapes = (d,), (d, 6), (d, 3)
+    return [array_of(f"predict() of the model of {what}", one, shape) for one, shape in zip(answer, shapes)]
+
+
+def _check_jacobians(
+    model: Any, what: str, camera: np.ndarray, point: np.ndarray, H_x: np.ndarray, H_y: np.ndarray
+) -> None:
+    """Compare them with central differences: a rotation is perturbed in the world frame."""
+    step = 1e-5
+    for k in range(9):
+        ends = []
+        for sign in (1.0, -1.0):
+            delta, x, y = np.zeros(9), camera.copy(), point.copy()
+            delta[k] = sign * step
+            x[POSITION] += delta[:3]
+            rotation = Rotation.from_rotvec(delta[3:6]) * Rotation.from_quat(np.roll(x[QUATERNION], -1))
+            x[QUATERNION] = np.roll(rotation.as_quat(), 1)
+            y += delta[6:]
+            ends.append(np.asarray(model.predict(x, y)[0], float))
+        numerical, given = (ends[0] - ends[1]) / (2.0 * step), np.hstack((H_x, H_y))[:, k]
+        scale = 1e-3 * max(1.0, float(np.abs(numerical).max()))
+        of = f"column {k} of the Jacobians of predict(), {np.round(given, 4)}, is not {np.round(numerical, 4)}"
+        _demand(not np.isfinite(numerical).all() or np.allclose(given, numerical, atol=scale), what, f"{of}")

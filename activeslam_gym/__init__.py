@@ -11,6 +11,7 @@ from activeslam_gym.envs.active_slam_vector import (
     ActiveSLAMDiscreteVectorEnv,
     ActiveSLAMVectorEnv,
 )
+from activeslam_gym.envs.checks import check_estimator, check_scene, check_sensor
 from activeslam_gym.envs.context import CONTEXT_FEATURES
 from activeslam_gym.envs.observation import ObservationLayout
 from activeslam_gym.motion import Gaze, Motion
@@ -34,6 +35,9 @@ __all__ = [
     "Motion",
     "ObservationLayout",
     "Scenario",
+    "check_estimator",
+    "check_scene",
+    "check_sensor",
     "core_of",
     "observation_layout",
     "warm_up",

@@ -1,4 +1,4 @@
-"""`activeslam_gym.checks`: each law that a registered part may break is told by the part's name."""
+"""`activeslam_gym.envs.checks`: each law that a registered part may break is told by the part's name."""
 
 import dataclasses
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from activeslam_gym import checks
+from activeslam_gym.envs import checks
 from activeslam_gym.sensors.sensor import SENSORS, Detections
 from activeslam_gym.slam.estimate import Estimate
 from activeslam_gym.slam.estimator import ESTIMATORS

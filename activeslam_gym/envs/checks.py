@@ -12,7 +12,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from activeslam_gym.config import Scenario, scenario_from
 from activeslam_gym.envs.active_slam import ActiveSLAMEnv
@@ -22,6 +21,7 @@ from activeslam_gym.sensors.sensor import POINTS, SENSORS, Detections
 from activeslam_gym.slam.belief import start_of
 from activeslam_gym.slam.estimator import EKF
 from activeslam_gym.world.room import draw_scene
+from activeslam_gym.world.truth import Truth
 
 RAYS = 300
 NEAR = 1e-3  # before and behind a surface [m]
@@ -90,27 +90,28 @@ def check_sensor(scenario: Given, seed: int = 0) -> None:
     noise = asked(f"noise of the model of {what}", lambda: np.array(model.noise, float))
     covariance = noise.ndim == 2 and (noise == noise.T).all() and _positive(noise)
     _demand(covariance, what, "has a noise that is no covariance")
-    rng, squares, seen, unseen = np.random.default_rng(seed), [], 0, 0
-    for frame in range(STEPS):
-        env.step(env.action_space.sample() if frame else (0, 0))
+    rng, seen, denied = np.random.default_rng(seed), 0, 0
+    squares: list[float] = []
+    env.action_space.seed(seed)
+    for _ in range(STEPS):
+        env.step(env.action_space.sample())
         truth, time = env.truth, float(env.time)
         camera = np.concatenate((truth.position, truth.quaternion, truth.velocity, truth.angular_velocity))
         points = np.concatenate((truth.fiducials, truth.landmarks))
         values, labels = _measured(first, what, truth, time, len(noise), len(points))
-        same = [_measured(one, what, truth, time, len(noise), len(points))[0] for one in (first, twin)]
         for one in (first, twin):
             same = np.array_equal(values, _measured(one, what, truth, time, len(noise), len(points))[0])
             _demand(same, what, "measures something else at the same time, from the same seed")
         visible = array_of(f"visible() of {what}", model.visible(env.belief, camera, points), (len(points),), bool)
         real = labels >= 0
-        seen, unseen = seen + int(visible[labels[real]].sum()), unseen + int((~visible[labels[real]]).sum())
+        seen, denied = seen + int(visible[labels[real]].sum()), denied + int((~visible[labels[real]]).sum())
         for value, label in zip(values[real], labels[real], strict=True):
             z, H_x, H_y = _predicted(model, what, camera, points[label], len(noise))
             squares.append((value - z) @ np.linalg.solve(noise, value - z))
             if rng.random() < 0.1:
                 _check_jacobians(model, what, camera, points[label], H_x, H_y)
     _demand(len(squares) > 0, what, f"measured no landmark in {STEPS} steps")
-    _demand(unseen <= 0.1 * (seen + unseen), what, f"measures {unseen} of {seen + unseen} that visible() denies")
+    _demand(denied <= 0.1 * (seen + denied), what, f"measures {denied} of {seen + denied} that visible() denies")
     mean, slack = float(np.mean(squares)) / len(noise), 6.0 * np.sqrt(2.0 / (len(noise) * len(squares)))
     _demand(abs(mean - 1.0) <= slack + 0.1, what, f"has {mean:.2f} times the noise that its model tells")
 
@@ -156,7 +157,7 @@ def _positive(P: np.ndarray) -> bool:
     return bool(np.isfinite(P).all() and np.linalg.eigvalsh(P / np.outer(size, size)).min() > -1e-9)
 
 
-def _measured(sensor: Any, what: str, truth: Any, time: float, d: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+def _measured(sensor: Any, what: str, truth: Truth, time: float, d: int, count: int) -> tuple[np.ndarray, np.ndarray]:
     """(M, d) measurements, and of which of ``count`` points each is, or -1."""
     given = asked(f"measure() of {what}", lambda: Detections(*sensor.measure(truth, time)))
     values = array_of(f"values of measure() of {what}", given.values, (None, d))
@@ -177,6 +178,8 @@ def _check_jacobians(
     model: Any, what: str, camera: np.ndarray, point: np.ndarray, H_x: np.ndarray, H_y: np.ndarray
 ) -> None:
     """Compare them with central differences: a rotation is perturbed in the world frame."""
+    from scipy.spatial.transform import Rotation
+
     step = 1e-5
     for k in range(9):
         ends = []

@@ -40,7 +40,7 @@ LEARNERS := ppo a2c dqn sac
 SEEDS    := 0 1 2 3 4
 TRAINED  := $(foreach one,$(LEARNERS),$(SEEDS:%=$(one)-%))
 ASKING   := office+corridor+corner+sprint+noisy+clusters+rooms+gallery-pixels+corner-pixels
-LEARNED  := --scenario $(ASKING) --reward log_score --num-envs 4 --total-steps 40000 --held-out-rooms 8 --unseen-rooms 0
+LEARNED  := --scenario $(ASKING) --reward log_score --num-envs 4 --total-steps 40000 --validation-episodes 8 --test-episodes 0
 
 learners: $(VENV)/.agents ## train five seeds of each learner again (an hour and a half; the same command goes on): weights of their entries
 	printf '%s\n' $(TRAINED) | OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 xargs -P $(WORKERS) -I NAME sh -c 'name=NAME; \

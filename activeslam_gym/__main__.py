@@ -11,8 +11,8 @@ import gymnasium
 from activeslam_gym.vision.settings import FEATURES
 
 _DEFAULT = "(default: %(default)s)"
-_LENS = "the lens: JSON, or a calibration of OpenCV, ROS, Kalibr, ORB-SLAM or COLMAP"
-_CAMERA = "which camera of --calibration: cam1, or the number that its name ends with (default: cam0, or the first)"
+_LENS = "file of the lens: of calibrate, OpenCV, ROS, Kalibr, EuRoC, ORB-SLAM, Basalt or COLMAP"
+_CAMERA = "camera of the file of the lens, by its name or the number in it (default: cam0, or the first)"
 
 
 class _Parser(argparse.ArgumentParser):
@@ -34,33 +34,35 @@ def parser() -> argparse.ArgumentParser:
 def _add_live(commands: Any) -> None:
     one = commands.add_parser(
         "live",
-        help="a page that tells you, once a second, where to move the camera",
-        description="Serve a page that shows the map, the camera's view, and once a second the motion that would teach "
-        "the most. Without hardware, a simulated person in a rendered room follows it. Needs the extra `live`.",
+        help="serve a page that advises, once a second, where to move the camera",
+        description="Serve a page that shows the map, the camera's view, and once a second the most "
+        "informative motion. Without hardware, a simulated person in a rendered room follows the advice. "
+        "Needs the extra `live`.",
     )
     one.set_defaults(run=_live)
-    source = f"rendered, a folder, a pattern in quotes, a video, camera:0, or browser: its device's camera {_DEFAULT}"
-    one.add_argument("--source", default="rendered", help=source)
-    one.add_argument(
-        "--calibration",
-        help=f"{_LENS}; of a source that is not rendered",
+    source = (
+        "rendered, a folder, a pattern in quotes, a video, camera:0, or browser for the camera of the page's device"
     )
+    one.add_argument("--source", default="rendered", help=f"{source} {_DEFAULT}")
+    one.add_argument("--calibration", help=f"{_LENS} (for a source that is not rendered)")
     one.add_argument("--camera", help=_CAMERA)
-    one.add_argument("--target", help="JSON file with the rectangle that the first image shows; likewise")
+    one.add_argument("--target", help="JSON file of the target (for a source that is not rendered)")
     one.add_argument(
-        "--calibrate", metavar="FILE", help="of browser: calibrate it by waving a board, and write the lens"
+        "--calibrate", metavar="FILE", help="with --source browser, find the lens from a waved board and write it here"
     )
-    one.add_argument("--rate", type=float, default=30.0, help=f"its images a second {_DEFAULT}")
-    one.add_argument("--seed", type=int, default=0, help=f"the rendered room {_DEFAULT}")
-    adviser = f"what advises: paper, or a policy, for instance generalist or greedy-plus {_DEFAULT}"
+    one.add_argument("--rate", type=float, default=30.0, help=f"images a second of a folder or video {_DEFAULT}")
+    one.add_argument("--seed", type=int, default=0, help=f"seed of the rendered room {_DEFAULT}")
+    adviser = f"policy that advises: paper, or for instance generalist or greedy-plus {_DEFAULT}"
     one.add_argument("--adviser", default="paper", help=adviser)
-    follow = f"whether the simulated person follows the advice, or moves at random {_DEFAULT}"
+    follow = f"always: the simulated person follows the advice; never: moves at random {_DEFAULT}"
     one.add_argument("--follow", default="always", choices=("always", "never"), help=follow)
-    one.add_argument("--host", default="127.0.0.1", help=f"where to serve; beyond loopback with a token {_DEFAULT}")
-    one.add_argument("--port", type=int, default=8080, help=f"0: any free one {_DEFAULT}")
-    one.add_argument("--seconds", type=float, help="end after so long (default: at Ctrl-C)")
-    one.add_argument("--record", metavar="DIR", help="keep images, log, trajectory.tum and map in this folder")
-    one.add_argument("--film", action="store_true", help="write film.mp4 there too: images with searches, and the map")
+    one.add_argument(
+        "--host", default="127.0.0.1", help=f"address to serve at; beyond loopback it asks for a token {_DEFAULT}"
+    )
+    one.add_argument("--port", type=int, default=8080, help=f"port to serve at; 0 is any free one {_DEFAULT}")
+    one.add_argument("--seconds", type=float, help="duration in seconds (default: until Ctrl-C)")
+    one.add_argument("--record", metavar="DIR", help="folder in which to keep images, log, trajectory and map")
+    one.add_argument("--film", action="store_true", help="with --record, write film.mp4 too: the images beside the map")
 
 
 def _add_track(commands: Any) -> None:
@@ -72,14 +74,18 @@ def _add_track(commands: Any) -> None:
         "Needs the extra `vision`.",
     )
     one.set_defaults(run=_track)
-    one.add_argument("--images", required=True, help="a folder, a pattern in quotes, a list, a video, or camera:0")
+    one.add_argument("--images", required=True, help="folder, pattern in quotes, list, video, or camera:0")
     one.add_argument("--calibration", required=True, help=_LENS)
     one.add_argument("--camera", help=_CAMERA)
-    one.add_argument("--target", help="JSON file with what the first image shows; without one the scale is free")
+    one.add_argument(
+        "--target", help="JSON file of the target in the first image (default: none, and the scale is free)"
+    )
     one.add_argument("--rate", type=float, help="images a second (default: by their own times, else 30)")
-    one.add_argument("--times", metavar="FILE", help="their times: TUM's rgb.txt, EuRoC's data.csv, or one a line")
-    one.add_argument("--out", required=True, help="folder for trajectory.tum, map.csv and frames.csv")
-    one.add_argument("--features", type=int, default=FEATURES, help=f"most features of the map {_DEFAULT}")
+    one.add_argument(
+        "--times", metavar="FILE", help="times of the images: TUM's rgb.txt, EuRoC's data.csv, or a time a line"
+    )
+    one.add_argument("--out", required=True, help="folder to write trajectory.tum, map.csv and frames.csv to")
+    one.add_argument("--features", type=int, default=FEATURES, help=f"largest number of features in the map {_DEFAULT}")
     one.add_argument("--film", action="store_true", help="write film.mp4 too: the images beside the map")
     one.add_argument("--covariance", metavar="FILE", help="write the covariance (6 x 6) of each pose to this text file")
     one.add_argument("--belief", choices=("smfeval",), help="write belief.square too, which the program smfeval scores")
@@ -89,20 +95,30 @@ def _add_track(commands: Any) -> None:
 def _add_calibrate(commands: Any) -> None:
     one = commands.add_parser(
         "calibrate",
-        help="the lens from pictures of a board",
+        help="find the lens from pictures of a board",
         description="Fit a lens to pictures of a chessboard or a ChArUco board (dictionary 4x4_50, "
         "markers of 3/4 of a square), held at different places, distances and angles. Needs the extra `vision`.",
     )
     one.set_defaults(run=_calibrate)
-    one.add_argument("--images", required=True, help="a folder, a pattern in quotes, or a video; 8-bit grey")
-    one.add_argument("--kind", default="chessboard", help=f"chessboard or charuco {_DEFAULT}")
-    one.add_argument("--columns", type=int, required=True, help="inner corners in a row; of charuco, squares")
-    one.add_argument("--rows", type=int, required=True, help="rows of them")
-    model = "equation-1, or OpenCV's radtan or fisheye"
+    one.add_argument("--images", required=True, help="folder, pattern in quotes, or video")
+    one.add_argument("--kind", default="chessboard", help=f"kind of board: chessboard or charuco {_DEFAULT}")
+    one.add_argument(
+        "--columns",
+        type=int,
+        required=True,
+        help="inner corners in a row of a chessboard, or squares of a ChArUco board",
+    )
+    one.add_argument(
+        "--rows",
+        type=int,
+        required=True,
+        help="inner corners in a column of a chessboard, or squares of a ChArUco board",
+    )
+    model = "lens model: that of the environment, or OpenCV's radtan or fisheye"
     one.add_argument(
         "--model", default="equation-1", choices=("equation-1", "radtan", "fisheye"), help=f"{model} {_DEFAULT}"
     )
-    one.add_argument("--out", required=True, help="the JSON file to write")
+    one.add_argument("--out", required=True, help="JSON file to write")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

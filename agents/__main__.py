@@ -47,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _mistake(name: str, message: str) -> int:
-    print(f"{name}: {message}", file=sys.stderr)
+    print(f"{name if name == PROGRAM else f'{PROGRAM} {name}'}: {message}", file=sys.stderr)
     return 2
 
 

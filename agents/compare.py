@@ -1,4 +1,4 @@
-"""Compare policies in the same held-out rooms: episodes, table, CSV, JSON and figures."""
+"""Compare policies in the same held-out episodes: table, CSV, JSON and figures."""
 
 import json
 from collections.abc import Sequence
@@ -19,32 +19,30 @@ from agents.tools.sections import put_section
 
 @dataclass(frozen=True, kw_only=True)
 class Args(Workers, Pages):
-    """Run policies in the same held-out rooms; write a table, CSV, JSON and figures."""
+    """Compare policies in the same held-out episodes; write a table, CSV, JSON and figures."""
 
     policies: tuple[str, ...] = ("mi-constant", "mi-mi", "mi-fisher", "sweep")
-    """Names of policies, or 'package.module:factory' of your own, called as factory(env)."""
+    """Policies: names, weight files (.npz), models of Stable-Baselines3 (.zip) or 'package.module:factory'."""
     episodes: int = 8
-    """Rooms for each policy, in each scenario."""
+    """Episodes of each policy in each scenario."""
     seed: int = 1_000_000
-    """Episode j is reset(seed=seed + j)."""
+    """Seed of the first episode; the others follow it."""
     out: Path = Path("results/compare")
     """Folder of the results."""
     store: Path | None = None
-    """Folder of the episodes, which commands may share; `episodes` in `out` if not given."""
+    """Folder in which episodes are stored, which commands may share; --out/episodes if not given."""
     scenario: tuple[str, ...] = ("paper",)
-    """Scenario: a name, its fields as JSON ('{"pixel_std": 4.0}') or in a file (room.json), or 'package.module:name'
-    of your own. Of several, each is compared in a folder of its name."""
+    """Scenarios: names, fields as JSON ('{"pixel_std": 4.0}'), files of such JSON or 'package.module:name'."""
     gaze_period: float | None = None
-    """Seconds between gaze commands; the scenario's if not given."""
+    """Seconds of a step; the scenario's if not given."""
     duration: float | None = None
     """Seconds of an episode; the scenario's if not given."""
     reference: str = "mi-fisher"
-    """Paired differences are taken against this policy, and against the one with the highest log score."""
+    """Policy against which paired differences are taken, beside the one with the highest log score."""
     resume: bool = False
-    """Take the finished episodes of the same settings, code and policies from `store`, instead of new ones; a factory
-    of yours, which may read any file, is always played."""
+    """Reuse stored episodes of the same settings, code and policies, except those of a factory."""
     figures: bool = True
-    """Draw the figures (needs matplotlib)."""
+    """Draw figures, which needs matplotlib."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -70,7 +68,7 @@ class Args(Workers, Pages):
         }
 
     def tasks(self) -> list[Task]:
-        """Room by room, so that an interrupted comparison has seen the same rooms with every policy."""
+        """Seed by seed, so that an interrupted comparison has the same episodes of every policy."""
         settings = json.dumps(self.environment, sort_keys=True)
         seeds = range(self.seed, self.seed + self.episodes)
         return [Task(name, seed, settings, whole=seed == self.seed) for seed in seeds for name in self.names]
@@ -82,7 +80,7 @@ def main(args: Args) -> int:
         parts = [replace(args, scenario=(one,), out=args.out / file_name(one)) for one in names]
         check(args.names, [part.environment for part in parts])
         return next((status for part in parts if (status := main(part))), 0)
-    print(f"{args.scenario[0]}: {len(args.names)} policies, {args.episodes} rooms each.")
+    print(f"{args.scenario[0]}: {len(args.names)} policies, {args.episodes} episodes each.")
     summary = compare(args)
     if summary is None:
         print("Interrupted before the first episode was over: nothing to show.")

@@ -13,9 +13,9 @@ class Args:
     """Write learned weights as a .zip for `PPO.load` (or A2C, DQN, SAC), to train on or to use with SB3's tools."""
 
     policy: str = "ppo"
-    """Shipped weights by their name, or a file of weights (policy.npz)."""
+    """Weights: a shipped policy's name, or a file (policy.npz)."""
     out: Path = Path("results/export/ppo.zip")
-    """The file."""
+    """File to write, which ends in .zip."""
 
 
 def main(args: Args) -> int:

@@ -69,10 +69,10 @@ def entropies(by_policy: Runs) -> Figure:
     for axes, (name, runs) in zip(panels, by_policy.items()):
         entropy_panel(axes, runs[0], {part: over_rooms(runs, f"log2_det_{part}") for part in PARTS})
         axes.set(xlabel="time, s", ylabel="log₂|P|")
-        _title(axes, f"{name} ({len(runs)} rooms, {sum(run.lost for run in runs)} lost)", runs[0])
+        _title(axes, f"{name} ({len(runs)} episodes, {sum(run.lost for run in runs)} lost)", runs[0])
     panels[0].legend(fontsize=7)
     low, high = BAND
-    figure.suptitle(f"Entropy: room {_first_seed(by_policy)} (line), mean (dashed) and {low:g}–{high:g} % band")
+    figure.suptitle(f"Entropy: episode {_first_seed(by_policy)} (line), mean (dashed) and {low:g}–{high:g} % band")
     return figure
 
 
@@ -100,7 +100,7 @@ def errors(by_policy: Runs) -> Figure:
             axes.set_ylabel(label if column == 0 else "")
         grid[0, column].set_title(name, fontsize=9)
         grid[-1, column].set_xlabel("time, s")
-    figure.suptitle(f"True − estimated (blue) and {SIGMAS:g}σ bounds (red), room {_first_seed(by_policy)}")
+    figure.suptitle(f"True − estimated (blue) and {SIGMAS:g}σ bounds (red), episode {_first_seed(by_policy)}")
     return figure
 
 
@@ -111,7 +111,7 @@ def maps(by_policy: Runs) -> Figure:
         _map(axes, first)
         _title(axes, f"{name}: {first.landmarks_mapped[-1]} mapped", first)
     legend_below(figure, panels[:1])
-    figure.suptitle(f"Map and trajectories, room {_first_seed(by_policy)}, from above ({SIGMAS:g}σ ellipses)")
+    figure.suptitle(f"Map and trajectories, episode {_first_seed(by_policy)}, from above ({SIGMAS:g}σ ellipses)")
     return figure
 
 
@@ -141,7 +141,7 @@ def live(drawn: Episode, runs: Sequence[Episode], until: float) -> Figure:
     left.set(xlabel="time, s", ylabel="log₂|P|")
     right.set(xlabel="time, s", title="commands")
     left.legend(fontsize=7)
-    _title(left, f"room {drawn.seed}; {sum(run.lost for run in runs)} of {len(runs)} lost", drawn)
+    _title(left, f"episode {drawn.seed}; {sum(run.lost for run in runs)} of {len(runs)} lost", drawn)
     return figure
 
 
@@ -219,7 +219,7 @@ def _panels(count: int, size: tuple[float, float] = (4.2, 3.2), **shared: Any) -
 
 def _title(axes: Axes, title: str, drawn: Episode) -> None:
     """A panel's title, which tells when the run that it draws was lost."""
-    axes.set_title(f"{title}\nthis run was lost" if drawn.lost else title, color=LOST if drawn.lost else TRUTH)
+    axes.set_title(f"{title}\nthis episode was lost" if drawn.lost else title, color=LOST if drawn.lost else TRUTH)
 
 
 def _first_seed(by_policy: Runs) -> int:

@@ -64,7 +64,7 @@ def summarise(
     policies = {name: _figures(list(seen.values()), (*LEARNED, *ERRORS)) for name, seen in rows.items()}
     rooms, notes = min(len(seen) for seen in rows.values()), []
     if rooms < FEW_ROOMS:
-        notes.append(f"* From {rooms} room(s): fewer than {FEW_ROOMS} give a hint, no finding.")
+        notes.append(f"* From {rooms} episodes: fewer than {FEW_ROOMS} give a hint, no finding.")
     if reference not in policies:
         notes.append(f"The reference {reference} was not run: no paired differences against it.")
     return Summary(
@@ -104,7 +104,7 @@ def tables(summary: Summary) -> list[Table]:
         _table(f"Errors at the end{star}", figures, ERRORS),
     ]
     for against, differences in summary.paired.items():
-        result.append(_table(f"Difference to {against} in the same rooms{star}", differences, PAIRED))
+        result.append(_table(f"Difference to {against} in the same episodes{star}", differences, PAIRED))
     return result
 
 

@@ -45,7 +45,7 @@ class Task:
     measures: tuple[type[Measure], ...] = ()  # classes of measures beside the record
 
     def __str__(self) -> str:
-        return f"{self.policy}, room {self.seed}"
+        return f"{self.policy}, episode {self.seed}"
 
     @property
     def label(self) -> str:
@@ -160,7 +160,7 @@ def run_policy(
         return play(env, policy, seeds, source, settings, observers, period)
     except ValueError as error:
         message = f"{error}" if source in str(error) else f"policy: {source!r}: {error}"
-        raise ValueError(f"{message} (room {seeds[0]})") from error
+        raise ValueError(f"{message} (episode {seeds[0]})") from error
     finally:
         env.close()
 

@@ -14,7 +14,7 @@ def main(args: Args) -> int:
     """Run the command; the exit status, 130 when interrupted. Raises ValueError for a bad argument."""
     finished = train(args)
     if not finished:
-        print("Interrupted; the same command goes on.")
+        print("Interrupted; the same command resumes it.")
     print(f"Written to {args.out}/: {WEIGHTS} and its card, {CHECKPOINT}, logs (tensorboard --logdir {args.out}/logs)")
     return 0 if finished else 130
 
@@ -36,7 +36,7 @@ def train(args: Args) -> bool:
     args.check()
     algorithms.require_device(args.device)
     env = algorithms.make_training(args)
-    rooms = algorithms.make_held_out(args, args.held_out_rooms)
+    rooms = algorithms.make_held_out(args, args.validation_episodes)
     writable_folder("out", args.out)
     with alone_in(args.out), closing(env), ExitStack() as stack:
         for batch in rooms.values():
@@ -59,7 +59,7 @@ def train(args: Args) -> bool:
             finished = False
         finally:
             best_weights.close()
-        if finished and args.unseen_rooms:
+        if finished and args.test_episodes:
             best_weights.add_results()
         return finished
 

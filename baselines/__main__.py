@@ -1,8 +1,7 @@
-"""`python -m baselines`: choose the best constant, the best sequence and the greedy readings for each named scenario.
+"""`python -m baselines`: choose `best-constant`, `best-sequence` and the greedy policies' settings for named scenarios.
 
-The readings stand in the scenarios' fields, where a changed choice has to be entered. Episodes have the scenarios'
-default times. With names of scenarios it chooses for them alone, and keeps the other entries of the tables. The
-open-loop episodes of an interrupted call are kept in `results/baselines`.
+The settings are fields of the scenarios, where a changed choice has to be entered by hand. Finished episodes are kept
+in results/baselines, so that an interrupted command can be resumed.
 """
 
 import argparse
@@ -26,12 +25,12 @@ from .constants import Choose, key_of
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write the tables; the exit status, 2 for an unknown name."""
     made = argparse.ArgumentParser(prog="python -m baselines", description=__doc__)
-    made.add_argument("names", nargs="*", metavar="SCENARIO")
-    made.add_argument("--cluster", help="address of a cluster of Ray that plays the open-loop episodes, such as 'auto'")
+    made.add_argument("names", nargs="*", metavar="SCENARIO", help="scenarios to choose for (default: all named ones)")
+    made.add_argument("--cluster", help="address of a Ray cluster that plays the open-loop episodes, such as 'auto'")
     args = made.parse_args(arguments)
     names, store = args.names, Store(Path("results/baselines"), args.cluster or 1)
     if unknown := [name for name in names if name not in SCENARIOS]:
-        print(f"scenario: {', '.join(unknown)}; allowed: {', '.join(SCENARIOS)}", file=sys.stderr)
+        print(f"python -m baselines: scenario: {', '.join(unknown)}; allowed: {', '.join(SCENARIOS)}", file=sys.stderr)
         return 2
     choices: tuple[tuple[Path, Choose], ...] = (
         (constants.TABLE, constants.choose),

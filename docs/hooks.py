@@ -110,8 +110,7 @@ def page_of(source: Path) -> str:
     if source.suffix == ".ipynb":
         note = f"*This is `{name}`; to run it, see [how to open the notebooks](../start.md#the-notebooks).*"
         return "\n\n".join([*_cells(json.loads(text)), note])
-    code = "".join(line for line in text.splitlines(keepends=True) if "--8<-- [" not in line)
-    return f"# {name}\n\n```{KINDS[source.suffix]}\n{code}```\n"
+    return f"# {name}\n\n```{KINDS[source.suffix]}\n{text}```\n"
 
 
 def _cells(notebook: dict[str, Any]) -> Iterator[str]:

@@ -10,7 +10,6 @@ from activeslam_gym.information import CRITERIA
 from baselines.greedy import Greedy
 
 
-# --8<-- [start:criterion]
 @CRITERIA.register("position_variance")
 def position_variance(P: np.ndarray, sight: Any, pixel_var: float) -> float:
     """tr(P_p H^T S^-1 H P_p^T), P_p the position's three rows of P: how much the EKF's update lowers tr P_pp [m^2]."""
@@ -18,18 +17,13 @@ def position_variance(P: np.ndarray, sight: Any, pixel_var: float) -> float:
     return np.sum(HP * np.linalg.solve(sight.S, HP))
 
 
-# --8<-- [end:criterion]
-
-
 if __name__ == "__main__":
-    # --8<-- [start:use]
     env: Any = gym.make("ActiveSLAM-v0")
     observation, _ = env.reset(seed=0)
     policy = Greedy(env, motion_criterion="position_variance", gaze_criterion="fisher_trace")
     for _ in range(20):
         observation, *_ = env.step(policy.predict(observation)[0])
     scores = env.unwrapped.motion_scores("position_variance")
-    # --8<-- [end:use]
     for index in Motion:
         print(f"{index.name:10} {1e4 * scores[index]:8.3f} cm^2")
     motion, gaze = policy.predict(observation)[0]

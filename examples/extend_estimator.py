@@ -17,7 +17,6 @@ from activeslam_gym.slam.estimate import Estimate
 from activeslam_gym.slam.estimator import ESTIMATORS, Measurements
 
 
-# --8<-- [start:estimator]
 @ESTIMATORS.register("numpy-ekf")
 class NumpyEkf:
     """State: camera (13,), and six numbers a landmark: anchor (3), azimuth, elevation, inverse depth."""
@@ -96,9 +95,6 @@ class NumpyEkf:
         mapped = depth_std < self.scenario.mapped_depth_ratio * self.y[:, 5]
         points = np.array([point_of(y) for y in self.y]).reshape(-1, 3)
         return Estimate(self.x, self.ids, points, T @ self.P @ T.T, mapped, np.zeros(n, bool), self.time)
-
-
-# --8<-- [end:estimator]
 
 
 def point_of(y: np.ndarray) -> np.ndarray:

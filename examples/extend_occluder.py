@@ -8,14 +8,12 @@ import numpy as np
 from activeslam_gym import Motion, Scenario
 from activeslam_gym.camera import hidden
 
-# --8<-- [start:boxes]
 screen = ((-0.2, -1.0, 1.0), (1.0, 1.0, 1.1))  # lowest and highest corner (X, Y up, Z) [m]: ahead, to the left
 scenarios = {
     "no screen": Scenario(name="open"),
     "a screen": Scenario(name="screen", boxes=(screen,)),  # hides what is behind it; filter and planner think otherwise
     "a known screen": Scenario(name="known-screen", boxes=(screen,), boxes_known=True),  # they reckon with it
 }
-# --8<-- [end:boxes]
 
 
 def hidden_fiducials(env: Any) -> list[int]:

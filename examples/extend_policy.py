@@ -7,7 +7,6 @@ from baselines import Policy, best
 from baselines.policy import Actions, Environment
 
 
-# --8<-- [start:policy]
 class LookAround(Policy):
     """The motion by mutual information; the gaze turns LEFT until nothing is expected any more, and then rests."""
 
@@ -29,8 +28,6 @@ def make(env: Environment) -> LookAround:
     """What `--policies examples.extend_policy:make` calls."""
     return LookAround(env)
 
-
-# --8<-- [end:policy]
 
 if __name__ == "__main__":
     import gymnasium as gym

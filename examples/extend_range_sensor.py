@@ -15,7 +15,6 @@ from activeslam_gym.slam.estimate import Estimate
 from activeslam_gym.world.truth import Truth
 
 
-# --8<-- [start:sensor]
 @SENSORS.register("range-and-bearing")
 class RangeSensor:
     """The pixel of each landmark in view, and its distance with a deviation of 5 cm."""
@@ -60,9 +59,6 @@ class RangeModel:
 
     def visible(self, estimate: Estimate, camera: np.ndarray, points: np.ndarray) -> np.ndarray:
         return self.in_view(camera, points)
-
-
-# --8<-- [end:sensor]
 
 
 if __name__ == "__main__":

@@ -10,17 +10,12 @@ from activeslam_gym import Motion
 from activeslam_gym.envs.reward import REWARDS
 
 
-# --8<-- [start:potential]
 @REWARDS.register("accuracy")
 def accuracy(e: Any) -> float:
     """-log2 of the camera's true position error, against a centimetre [bit], and a bit for each landmark in the map."""
     return e.distinct_landmarks - math.log2(1.0 + e.position_error / 0.01)
 
 
-# --8<-- [end:potential]
-
-
-# --8<-- [start:wrapper]
 class PricedMotion(gym.Wrapper[np.ndarray, Any, np.ndarray, Any]):
     """The reward of ``env`` [bit], less a price for every period in which the camera translates.
 
@@ -40,12 +35,8 @@ class PricedMotion(gym.Wrapper[np.ndarray, Any, np.ndarray, Any]):
         return observation, float(reward) - cost, terminated, truncated, info
 
 
-# --8<-- [end:wrapper]
-
 if __name__ == "__main__":
-    # --8<-- [start:use]
     env = PricedMotion(gym.make("ActiveSLAM-v0", reward="accuracy"), price=2.0)
-    # --8<-- [end:use]
     env.reset(seed=0)
     total = sum(float(env.step((Motion.RIGHT, 1))[1]) for _ in range(40))
     print(f"{total:.1f} bits in 10 s, ten translations paid")

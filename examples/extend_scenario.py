@@ -8,7 +8,6 @@ import baselines
 from activeslam_gym import SCENARIOS, Scenario
 from activeslam_gym.evaluation import run_episode
 
-# --8<-- [start:fields]
 tunnel = Scenario(
     name="tunnel",
     room_size=(2.0, 2.0, 12.0),  # X, Y (height), Z [m]
@@ -16,13 +15,10 @@ tunnel = Scenario(
     pixel_std=3.0,  # [px]
     missed_detection_probability=0.1,
 )
-# --8<-- [end:fields]
 
-# --8<-- [start:use]
 env = gym.make("ActiveSLAM-v0", scenario=tunnel)
 same = gym.make("ActiveSLAM-v0", scenario=dataclasses.asdict(tunnel))  # what an env spec holds
 SCENARIOS[tunnel.name] = tunnel  # from here on, scenario="tunnel" in this process
-# --8<-- [end:use]
 
 if __name__ == "__main__":
     run = run_episode(env, baselines.make("mi-fisher", env), seed=1)

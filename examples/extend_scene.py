@@ -9,7 +9,6 @@ from activeslam_gym import Gaze, Motion, Scenario
 from activeslam_gym.world.scenes import SCENES
 
 
-# --8<-- [start:scene]
 @SCENES.register("sphere")
 class SphereScene:
     """A sphere of radius 0.5 m ahead of the start. Landmarks are on its surface and on the upright walls."""
@@ -44,9 +43,6 @@ class SphereScene:
         square = self.radius**2 + along**2 - np.sum((self.centre - p) ** 2, axis=1)
         root = np.sqrt(np.maximum(square, 0.0))
         return np.where(square > 0.0, along - root, np.inf), np.where(square > 0.0, along + root, -np.inf)
-
-
-# --8<-- [end:scene]
 
 
 def main(steps: int = 28) -> Any:

@@ -17,7 +17,6 @@ UNKNOWN = np.array([0.2, 0.1, 2.5])
 Sensor = Callable[[int, Sight], np.ndarray]
 
 
-# --8<-- [start:loop]
 def follow(slam: Filter, sensor: Sensor, frames: int) -> None:
     """Hand what ``sensor`` returns, pixels (M, 2), to the filter: of each frame, and around the predicted pixels."""
     for frame in range(frames):
@@ -28,9 +27,6 @@ def follow(slam: Filter, sensor: Sensor, frames: int) -> None:
         matched = slam.update(detections)  # ids, or NEW, or REJECTED: too near to something to be new
         for pixel in pixels[matched == NEW]:
             slam.add_landmark(pixel)
-
-
-# --8<-- [end:loop]
 
 
 def position_at(frame: int) -> np.ndarray:

@@ -8,13 +8,11 @@ from activeslam_gym.information import CRITERIA
 from activeslam_gym.slam.sight import sight_of_points
 
 TABLE = """
---8<-- [start:table]
 | The landmark is known to | `fisher_trace` | `mutual_information` |
 |---|---|---|
 | 2 cm in every direction | 9086 | 1.65 bit |
 | 2 cm, and 60 cm along the line of sight | 9086 | 1.65 bit |
 | 1 m in every direction | 12 | 11.2 bit |
---8<-- [end:table]
 """
 
 STDS = ((0.02, 0.02, 0.02), (0.02, 0.02, 0.6), (1.0, 1.0, 1.0))

@@ -29,15 +29,15 @@ class Study(Workers):
     section = ""
     """Of the page that ``report`` names."""
     episodes: int = 100
-    """Of each policy."""
+    """Episodes of each policy."""
     seed: int = 1_000_000
-    """Of the first episode."""
+    """Seed of the first episode."""
     jobs: int = 1
-    """Processes."""
+    """Number of processes."""
     out: Path | None = None
-    """Folder of the episodes, which are then not played again."""
+    """Folder in which finished episodes are kept for the next time."""
     report: Path | None = None
-    """A page whose generated section is made."""
+    """Page in which the generated section is rewritten."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -96,5 +96,5 @@ def run(main: Callable[[], None]) -> None:
     except KeyboardInterrupt:
         sys.exit(130)
     except (ValueError, OSError, ImportError) as error:
-        print(f"{Path(sys.argv[0]).stem}: {error}", file=sys.stderr)
+        print(f"python -m studies.{Path(sys.argv[0]).stem}: {error}", file=sys.stderr)
         sys.exit(2)

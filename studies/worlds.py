@@ -66,13 +66,13 @@ class Args(Study):
     policies: tuple[str, ...] = DECIDING
     """Policies that decide."""
     open: tuple[str, ...] = OPEN
-    """Open-loop policies, whose best is the reference."""
+    """Open-loop policies, of which the best is the reference."""
     scenarios: tuple[str, ...] = SCENARIOS
     """Names of scenarios."""
     seed: int | None = None  # type: ignore[assignment]
-    """Of the first episode; the scenario's held-out episodes if not given."""
+    """Seed of the first episode; that of the scenario's held-out episodes if not given."""
     corners: bool = False
-    """The sensor `corners` in the place of images."""
+    """Use the sensor `corners` in place of images."""
 
 
 def main(args: Args) -> None:

@@ -120,7 +120,10 @@ def refused(line: list[str], capsys: Any) -> str:
     status, lines = told(capsys, main, [line[0], *beside, *line[1:]])
     text = " ".join(" ".join(lines).split())
     assert status == 2 and "Traceback" not in text, (line, text)
-    assert "For full helptext" in text or (len(lines) == 1 and lines[0].startswith(f"{line[0]}: ")), (line, text)
+    assert "For full helptext" in text or (len(lines) == 1 and lines[0].startswith(f"python -m agents {line[0]}: ")), (
+        line,
+        text,
+    )
     return text
 
 
@@ -134,7 +137,7 @@ def test_a_mistake_is_told_in_a_line_before_any_work(row: Any, folder: Path, cap
     assert sorted(folder.rglob("*")) == before
 
 
-ZERO = ("seed", "warm_start", "entropy_bonus", "risk_weight", "unseen_rooms")
+ZERO = ("seed", "warm_start", "entropy_bonus", "risk_weight", "test_episodes")
 """Numbers that may be zero."""
 
 
@@ -173,7 +176,7 @@ def test_a_full_disk_is_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, 
     monkeypatch.setattr(Path, "replace", full)
     line = "compare --policies stay --episodes 1 --jobs 1 --duration 1 --no-figures --out".split()
     status, lines = told(capsys, main, [*line, str(tmp_path)])
-    assert status == 2 and lines[-1].startswith("compare: [Errno 28]")
+    assert status == 2 and lines[-1].startswith("python -m agents compare: [Errno 28]")
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 

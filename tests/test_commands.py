@@ -101,7 +101,7 @@ def test_two_policies_are_watched_side_by_side(tmp_path: Path, capsys: pytest.Ca
         animation.seek(4)
         assert (np.asarray(animation.convert("RGB")) != first).any()
     said = capsys.readouterr().out
-    assert "sweep, room 1000000:" in said and f"Written to {clip}" in said
+    assert "sweep, episode 1000000:" in said and f"Written to {clip}" in said
     poses = np.loadtxt(tmp_path / "tum" / "sweep-1000000-true.tum")
     assert poses.shape == (9, 8)
     np.testing.assert_allclose(np.linalg.norm(poses[:, 4:], axis=1), 1.0, atol=1e-6)

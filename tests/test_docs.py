@@ -2,9 +2,11 @@
 
 import ast
 import importlib
+import importlib.util
 import inspect
 import json
 import re
+import shlex
 from pathlib import Path
 
 import gymnasium as gym
@@ -12,10 +14,12 @@ import pytest
 
 import baselines
 from activeslam_gym import ActiveSLAMEnv, Gaze, Motion, observation_layout
+from activeslam_gym import __main__ as own_command_line
 from activeslam_gym.config import SCENARIOS
 from activeslam_gym.envs.reward import REWARDS
 from activeslam_gym.information import CRITERIA
 from agents import pretrained
+from agents.__main__ import COMMANDS
 from agents.tools.sections import sections_of
 from examples import fisher_trace
 from tests.support import python
@@ -116,6 +120,17 @@ def test_notebooks_import_and_never_define_and_are_committed_without_output() ->
         assert notebook.stat().st_size < 100_000, f"clear the output of {notebook.name}"
 
 
+def test_the_code_of_a_titled_block_is_in_the_file_of_that_name() -> None:
+    found = 0
+    for page in PAGES:
+        blocks = re.findall(r'^```python title="(.*?)"\n(.*?)^```', page.read_text(encoding="utf-8"), re.DOTALL | re.M)
+        for name, code in blocks:
+            told, there = ([one.strip() for one in text.splitlines()] for text in (code, (ROOT / name).read_text()))
+            assert any(there[i : i + len(told)] == told for i in range(len(there))), f"{page.name}: {name}: {told[0]}"
+        found += len(blocks)
+    assert found > 10
+
+
 SNIPPETS = [
     pytest.param(page.name, code, id=f"{page.stem}-{i}")
     for page in PAGES
@@ -132,6 +147,30 @@ def test_snippet_runs(page: str, code: str, tmp_path: Path, monkeypatch: pytest.
     monkeypatch.chdir(tmp_path)
     code = code.replace("learn(16_000)", "learn(1_120)").replace("envs, 32)", "envs, 2)")  # else a minute or two
     exec(compile(code, f"<{page}>", "exec", dont_inherit=True), {"__name__": "manual"})
+
+
+def test_the_options_of_every_command_line_of_the_manual_exist() -> None:
+    tyro = pytest.importorskip("tyro")
+    text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES).replace("\\\n", " ")
+    lines = [
+        line for block in re.findall(r"^```bash\n(.*?)^```", text, re.DOTALL | re.M) for line in block.splitlines()
+    ]
+    told = [
+        shlex.split(line, comments=True) for line in lines if re.match(r"(\.venvs/\w+/bin/)?python -m|make \w", line)
+    ]
+    commands = {name: importlib.import_module(module).Args for name, module in COMMANDS.items()}
+    targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.M)
+    for program, *words in told:
+        module, *arguments = words[1:] if program != "make" else words
+        if program == "make":
+            assert module in targets or module.startswith("client-"), module
+        elif module == "agents" and "--help" not in arguments:
+            tyro.extras.subcommand_cli_from_dict(commands, args=arguments)
+        elif module == "activeslam_gym":
+            own_command_line.parser().parse_args(arguments)
+        elif not module.startswith("rl_zoo3"):
+            assert importlib.util.find_spec(module), module
+    assert len(told) > 40
 
 
 def test_the_mathematics_names_code_that_exists_criteria_and_what_cites_it() -> None:
@@ -170,6 +209,7 @@ def test_the_table_of_policies_and_that_of_the_fisher_trace_are_the_codes() -> N
     told = [name for row in rows(table) for name in re.findall(r"`([\w-]+)`", row[0])]
     assert told == [*baselines.names(), *pretrained.names()]
     assert "README.md" in [snippet.values[0] for snippet in SNIPPETS]
+    assert fisher_trace.TABLE in MATHEMATICS
     shown = [(float(row[1]), float(row[2].split()[0])) for row in rows(fisher_trace.TABLE)]
     assert shown == [(round(trace), float(f"{bits:.3g}")) for trace, bits in fisher_trace.main()]
 

@@ -159,7 +159,7 @@ def test_imitation_learns_what_the_teacher_does_and_what_it_returns(monkeypatch:
 def test_weights_of_several_scenarios_act_everywhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(imitation, "LAST_UPDATES", 2)
     pytest.importorskip("tensorboard")
-    small = SHORT | {"period": 8, "held_out_rooms": 1, "unseen_rooms": 1}
+    small = SHORT | {"period": 8, "validation_episodes": 1, "test_episodes": 1}
     teachers = ("sprint=stay", "office=stay")
     train(Args(out=tmp_path, scenario="sprint+office", teachers=teachers, imitated_steps=8, total_steps=8, **small))
     results = json.loads((tmp_path / "policy.json").read_text(encoding="utf-8"))["results"]
@@ -175,13 +175,13 @@ def test_weights_of_several_scenarios_act_everywhere(tmp_path: Path, monkeypatch
 def test_imitation_alone_is_judged_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(imitation, "LAST_UPDATES", 2)
     pytest.importorskip("tensorboard")
-    given = SHORT | {"held_out_rooms": 2, "unseen_rooms": 0, "teachers": ("sprint=stay",), "imitated_steps": 8}
+    given = SHORT | {"validation_episodes": 2, "test_episodes": 0, "teachers": ("sprint=stay",), "imitated_steps": 8}
     args = Args(out=tmp_path, scenario="sprint", total_steps=0, **given)
     with pytest.raises(ValueError, match="device: 'abacus'; allowed on this machine: cpu"):
         train(replace(args, device="abacus"))
     assert train(args)
     card = json.loads((tmp_path / "policy.json").read_text(encoding="utf-8"))
-    assert card["steps"] == 0 and np.isfinite(card["held_out_return"]) and "in 2 held-out rooms" in card["chosen"]
+    assert card["steps"] == 0 and np.isfinite(card["held_out_return"]) and "in 2 validation episodes" in card["chosen"]
     before = (tmp_path / "policy.npz").read_bytes()
     monkeypatch.setattr(imitation, "imitate", lambda *_: pytest.fail("it is imitated already"))
     assert train(args) and (tmp_path / "policy.npz").read_bytes() == before

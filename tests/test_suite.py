@@ -301,6 +301,9 @@ def test_the_board_of_made_up_scores(monkeypatch: pytest.MonkeyPatch) -> None:
     assert rows["mine"][0] == "0.0 [0.0, 2.3]"  # none of 160 failed, whatever the number of training seeds
     assert rows["sure"][0].startswith("25.0 [") and rows["sure"][2].startswith("75 [")
     assert dict(zip(each.header, each.rows[2]))["office"] == "100 [100, 100]"
+    monkeypatch.setattr(leaderboard, "SHORT_ROWS", 2)
+    short = leaderboard.shortened(whole, suite("development"), [*loops, learned, wrong])
+    assert short.rows == [row[:4] for row in whole.rows if row[0] in ("sure", "sweep")] and len(short.header) == 4
     assert [row[1] for row in leads.rows][2:] == ["0 [0, 0]", "-50 [-50, -50]"] and leads.rows[1][1].startswith("50 [4")
     assert [row[1] for row in failed.rows] == ["25.0", "0.0", "0.0", "0.0"]
 

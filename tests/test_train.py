@@ -32,7 +32,7 @@ from agents.learn.weights import read, save  # noqa: E402
 from agents.pretrained import FOLDER  # noqa: E402
 from agents.train import CHECKPOINT, Args, train  # noqa: E402
 
-SMALL: dict[str, Any] = {"num_envs": 2, "width": 16, "period": 280, "held_out_rooms": 2, "unseen_rooms": 0}
+SMALL: dict[str, Any] = {"num_envs": 2, "width": 16, "period": 280, "validation_episodes": 2, "test_episodes": 0}
 SMALL |= {"duration": 5.0, "decision_period": 0.25, "warm_start": 0.0}
 LEFT = {"policy.npz", "policy.json", CHECKPOINT}
 
@@ -88,7 +88,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with weights after one rollout."""
     out = tmp_path_factory.mktemp("train")
     pytest.importorskip("tensorboard")
-    train(Args(out=out, total_steps=40, **(SMALL | {"unseen_rooms": 2})))
+    train(Args(out=out, total_steps=40, **(SMALL | {"test_episodes": 2})))
     return out
 
 
@@ -175,7 +175,7 @@ def test_a_policy_of_one_scenario_acts_in_another_whether_there_are_range_finder
 
 @pytest.mark.parametrize("algorithm", ["dqn", "a2c", "sac"])
 def test_every_algorithm_has_its_actions_and_acts_on_all(tmp_path: Path, algorithm: Any) -> None:
-    train(Args(out=tmp_path, algorithm=algorithm, total_steps=40, **(SMALL | {"unseen_rooms": 1})))
+    train(Args(out=tmp_path, algorithm=algorithm, total_steps=40, **(SMALL | {"test_episodes": 1})))
     for name in ("ActiveSLAM", "ActiveSLAMDiscrete", "ActiveSLAMContinuous"):
         env = gym.make(f"{name}-v0")
         acts(env, agents.load("policy", env, tmp_path))
@@ -207,7 +207,7 @@ def test_an_interrupted_training_leaves_weights_and_goes_on(tmp_path: Path, monk
     assert {path.name for path in tmp_path.iterdir()} >= LEFT
     assert "interrupted" in json.loads((tmp_path / "policy.json").read_text())["chosen"]
     assert train(Args(out=tmp_path, total_steps=80, **SMALL))
-    assert "2 held-out rooms" in json.loads((tmp_path / "policy.json").read_text())["chosen"]
+    assert "2 validation episodes" in json.loads((tmp_path / "policy.json").read_text())["chosen"]
 
 
 class Evil:

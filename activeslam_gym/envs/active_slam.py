@@ -101,8 +101,8 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     The gain of a potential during the step, by default (`reward="entropy"`) minus the entropy of the estimate [bit], so
     that an episode's rewards sum to the entropy reduction. The entropy is that of camera and N landmarks at a constant
     dimension: an expected landmark that no feature has retired holds its prior. `envs.reward` lists the potentials.
-    Whatever the reward, the step in which a run is lost makes the return min(return, 0) - 100, once, so that no run
-    gains by ending badly.
+    Whatever the reward, the step in which an episode is lost makes the return min(return, 0) - 100, once, so that
+    none gains by ending badly.
 
     ## Start
 
@@ -118,7 +118,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     - *Truncated* after `duration`.
     - *Terminated* when lost: the true position is farther than `lost_position_error` from the estimate, or the public
       covariance is not positive definite. Neither is ever an exception, and no number becomes NaN.
-    - With `end_when_lost=False` a lost run goes on to its `duration`: published tables use it, since an end that
+    - With `end_when_lost=False` a lost episode goes on to its `duration`: published tables use it, since an end that
       depends on the truth would stop a score where it falls. A covariance that is not positive definite has the log
       score -10 000 bits.
 
@@ -131,8 +131,8 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `motion_period` | `1.0` | time of a translation [s], a whole number of gaze periods |
     | `duration` | `None` | time of an episode [s], a whole number of gaze periods; `None`: the scenario's (35 s) |
     | `reward` | `"entropy"` | the potential: a name in `envs.reward.REWARDS` |
-    | `lost_position_error` | `0.5` | true position error beyond which the run is lost [m] |
-    | `end_when_lost` | `True` | whether a lost run is terminated |
+    | `lost_position_error` | `0.5` | true position error beyond which the episode is lost [m] |
+    | `end_when_lost` | `True` | whether a lost episode is terminated |
     | `render_mode` | `None` | `"rgb_array"` or `"human"`, which warns and goes on where there is no screen |
     | `render_size` | `(960, 640)` | width and height of the picture [px] |
 
@@ -151,7 +151,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `orientation_error` | rad | of the camera |
     | `landmark_rmse` | m | over the distinct landmarks; inf until there is one |
     | `position_nees` | | NEES of the camera's position per degree of freedom, as `nees()["position"]` |
-    | `lost` | | whether the run is lost, or was before |
+    | `lost` | | whether the episode is lost, or was before |
     | `lost_at_end` | | whether it is lost at the moment |
     | `reward_terms` | | gain of every potential of `envs.reward` in this step, and `lost_penalty` |
     | `events` | | counts in this step, see below |
@@ -212,7 +212,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin a new run in a new room. The same seed gives the same run, whatever the actions the same noise.
+        """Begin a new episode in a new room. The same seed gives the same episode, whatever the actions the same noise.
 
         Raises:
             ValueError: ``seed`` is no whole number of 0 or more, or ``options`` no dict.
@@ -233,10 +233,10 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
 
         Raises:
             ValueError: the action is outside the action space.
-            gymnasium.error.ResetNeeded: the run has ended or has not begun.
+            gymnasium.error.ResetNeeded: the episode has ended or has not begun.
         """
         if not self._running:
-            raise gymnasium.error.ResetNeeded("the run has ended or has not begun: call reset() before step()")
+            raise gymnasium.error.ResetNeeded("the episode has ended or has not begun: call reset() before step()")
         self._play_one(STEP, self._encoding.read_one(action))
         episode, observation = self._runs.episode, self._runs.observation[0].copy()
         terminated = self._end_when_lost and bool(episode["lost"][0])
@@ -297,7 +297,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         """All that a picture of this moment needs.
 
         Raises:
-            gymnasium.error.ResetNeeded: no run has begun.
+            gymnasium.error.ResetNeeded: no episode has begun.
         """
         if not self._runs.episode["begun"][0]:
             raise gymnasium.error.ResetNeeded("there is nothing to show before the first reset()")
@@ -319,7 +319,7 @@ class ActiveSLAMContinuousEnv(ActiveSLAMEnv):
     An action is four numbers of `Box(-1, 1, (4,))`: a displacement in camera axes (x left, y up, z forward), of which
     1 is the scenario's `step_length` (one that is longer is shortened to it), and a share of the `turn_rate` about the
     vertical, positive to the left. The 21 actions of `ActiveSLAM-v0` are points of it, `motion.COMMANDS`, and give the
-    same run to the bit. The observation's `motion` holds what share of each of the seven motions is under way.
+    same episode to the bit. The observation's `motion` holds what share of each of the seven motions is under way.
 
     Everything else is as in `ActiveSLAMEnv`.
     """

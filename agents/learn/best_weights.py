@@ -1,4 +1,4 @@
-"""The course of a training: a progress bar, checkpoints, and the best weights on held-out rooms."""
+"""The course of a training: a progress bar, checkpoints, and the best weights in validation episodes."""
 
 import json
 import math
@@ -77,17 +77,17 @@ class BestWeights(BaseCallback):
 
     def keep(self, held_out_return: float) -> None:
         """Write the present weights and their card."""
-        rooms = 0 if math.isnan(held_out_return) else self.args.held_out_rooms
+        rooms = 0 if math.isnan(held_out_return) else self.args.validation_episodes
         card = card_of(self.args.recipe(), self.learner.num_timesteps, self.seconds(), rooms)
         save(self.weights, self.learner.policy, card | {"held_out_return": held_out_return})
 
     def add_results(self) -> None:
         """Complete the card: the training's length and time, and results in held-out episodes; print those."""
-        card, rooms = read_card(self.weights), self.args.unseen_rooms
+        card, rooms = read_card(self.weights), self.args.test_episodes
         card |= {"steps_trained": self.learner.num_timesteps, "seconds_trained": round(self.seconds(), 1)}
         scenarios = self.args.scenarios
         if len(scenarios) == 1:
-            print(f"Now {rooms} other rooms for the kept weights, and for {', '.join(REFERENCES)}:", flush=True)
+            print(f"Now {rooms} test episodes of the kept weights, and of {', '.join(REFERENCES)}:", flush=True)
             card["results"], summary = results(self.weights, rooms, self.args, *scenarios)
             print(f"\n{text(summary)}\n")
         else:
@@ -96,7 +96,7 @@ class BestWeights(BaseCallback):
                 own, _ = results(self.weights, rooms, self.args, name, ())
                 card["results"][name] = {column: own[column] for column in ("log_score_gain_median", "lost")}
                 median, lost = (own[column]["value"] for column in ("log_score_gain_median", "lost"))
-                print(f"{name}: median log score gain {median:.0f} in {rooms} rooms, lost in {lost:.0%}", flush=True)
+                print(f"{name}: median log score gain {median:.0f} in {rooms} episodes, lost in {lost:.0%}", flush=True)
         write_json(self.weights.with_suffix(".json"), card)
 
     def _on_training_start(self) -> None:
@@ -121,7 +121,7 @@ class BestWeights(BaseCallback):
             self._visit()
 
     def _visit(self) -> None:
-        """Play the held-out rooms, and keep the weights if they are the best so far."""
+        """Play the validation episodes, and keep the weights if they are the best so far."""
         lost: list[bool] = []
         lost_penalties: list[float] = []
 
@@ -148,15 +148,15 @@ class BestWeights(BaseCallback):
         each = ", ".join(f"{name} {mean:.0f}" for name, mean in means.items())
         more = f" ({each})" if several else f", median {np.median(returns):.0f}"
         message = f"mean return {found:.0f}{more}, lost in {100 * np.mean(lost):.0f} %"
-        self.bar.write(f"{self.num_timesteps:>9,} decisions: held-out rooms {message}{'; kept' if better else ''}")
+        self.bar.write(f"{self.num_timesteps:>9,} decisions: validation: {message}{'; kept' if better else ''}")
 
 
 def results(
     weights: Path, rooms: int, recipe: Recipe, scenario: str, references: tuple[str, ...] = REFERENCES
 ) -> tuple[dict[str, Any], Summary]:
-    """Figures of the weights and of references in the same rooms for a card, with their intervals; and the summary.
+    """Figures of the weights and of references in the same episodes for a card, with their intervals; and the summary.
 
-    The rooms are of neither training, nor the choice of weights, nor a benchmark.
+    The episodes are of neither training, nor the choice of weights, nor a benchmark.
     """
     first = benchmark_seed(scenario, validation=True) + 250_000
     settings = json.dumps({"scenario": asdict(trained_scenario(scenario)), "duration": recipe.duration})

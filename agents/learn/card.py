@@ -12,29 +12,29 @@ from agents.learn.recipe import ALGORITHMS
 from agents.tools.files import reading
 from agents.tools.machine import machine, versions
 
-FLOOR = -100.0  # least count of a held-out room, as much as the failure penalty: one room does not choose the weights
+FLOOR = -100.0  # least count of a validation episode, as much as the failure penalty: one does not choose the weights
 CARD = "card"  # name of the card among the arrays of a file of weights
 PACKAGES = ("activeslam-gym", "stable-baselines3", "torch", "gymnasium", "numba", "numpy")
 LIMITS = (
-    "Trained in the scenarios of the recipe alone: other rooms, noise, motions and durations are outside what it has "
-    "seen. It knows the belief, never the truth, and holds each decision for decision_period seconds."
+    "Trained in the scenarios of the recipe alone: other scenarios, noise, motions and durations were not trained. It "
+    "reads the belief, never the truth, and holds each decision for decision_period seconds."
 )
 
 
-def card_of(recipe: dict[str, Any], steps: int, seconds: float, held_out_rooms: int) -> dict[str, Any]:
+def card_of(recipe: dict[str, Any], steps: int, seconds: float, validation_episodes: int) -> dict[str, Any]:
     """The card of weights that are kept after `steps` decisions and `seconds` of training.
 
-    No `held_out_rooms`: they are the last ones, not chosen.
+    0 `validation_episodes`: they are the last ones, not chosen.
     """
-    best = f"best mean return of the deterministic policy in {held_out_rooms} held-out rooms, {FLOOR:g} bits the least"
-    best += f", the failure penalty counted {recipe['forfeit_weight']:g} times"
+    best = f"best mean return of the deterministic policy in {validation_episodes} validation episodes, {FLOOR:g} bits "
+    best += f"the least, the failure penalty counted {recipe['forfeit_weight']:g} times"
     return {
         "command": " ".join(["python -m agents train", *_arguments(recipe)]),
         **recipe,
         "behaviour": BEHAVIOUR,
         "steps": steps,
         "seconds": round(seconds, 1),
-        "chosen": best if held_out_rooms else "the last of an interrupted training, before any visit to held-out rooms",
+        "chosen": best if validation_episodes else "the last of an interrupted training, before any validation",
         "machine": machine(),
         "versions": versions(PACKAGES),
         "limits": LIMITS,

@@ -33,31 +33,28 @@ class Recipe:
     """The arguments that determine a training."""
 
     algorithm: Algorithm = "ppo"
-    """Learner of Stable-Baselines3; DQN learns on the 21 joint actions, SAC on the continuous ones."""
+    """Learner of Stable-Baselines3: DQN chooses among the 21 joint actions, SAC among continuous ones."""
     reward: str = "entropy"
-    """Reward of the environment."""
+    """Reward of the environment, by its name."""
     scenario: str = "paper"
-    """Scenario whose rooms are trained in: a name, 'package.module:name' or a JSON file, several with + between them,
-    or all; a policy of several reads the context too. One of images is trained in with the sensor `corners`."""
+    """Scenario to train in: a name, 'package.module:name', a JSON file, several joined by +, or all."""
     warm_start: float = 0.8
-    """Probability of the motion, and of the gaze, that the scenario's best sequence holds longest, before training;
-    0: none is preferred. By chance alone no course is held for seconds; beside this one each change is tried (PPO,
-    A2C). Several scenarios have no sequence in common: there it has no effect."""
+    """Probability at the start of the action that the scenario's best sequence holds longest (PPO and A2C in one
+    scenario; 0 prefers none)."""
     teachers: tuple[str, ...] = ()
-    """Policies to imitate before learning by reward, one for each scenario, each as scenario=policy (PPO, A2C)."""
+    """Policies to imitate before learning by reward, as scenario=policy for each scenario (PPO, A2C)."""
     imitated_steps: int = 40_000
-    """Decisions of imitation, beside those of learning; in the end they are the learner's own."""
+    """Decisions of imitation before those of learning."""
     total_steps: int = 100_000
-    """Decisions of learning by reward, rounded up to whole rollouts (PPO: an episode of every environment); 0:
-    imitation alone."""
+    """Decisions of learning by reward, rounded up to whole rollouts; 0 with teachers is imitation alone."""
     decision_period: float = 1.0
-    """Time between decisions, the environment's gaze_period [s]. Short ones learn slowly: chance holds no course."""
+    """Seconds between decisions, which is the environment's gaze_period."""
     duration: float | None = None
-    """Time of an episode [s]; the scenario's if not given."""
+    """Seconds of an episode; the scenario's if not given."""
     num_envs: int = 32
-    """Environments in the batch, of each scenario."""
+    """Environments in the batch of each scenario."""
     seed: int = 2
-    """Seed of the rooms and the learner; 2 was the best of 0 to 4 in the rooms for validation of `paper`."""
+    """Seed of the episodes and the learner."""
     gamma: float = 0.98
     """Discount per decision."""
     learning_rate: float = 7e-4
@@ -65,23 +62,19 @@ class Recipe:
     entropy_bonus: float = 0.0
     """Weight of the policy's own entropy (PPO, A2C); without a warm start 0.002 explores longer."""
     epochs: int = 8
-    """How often a rollout is learned from, in about 5 equal minibatches each time (PPO),"""
+    """Passes over each rollout, in about five equal minibatches each (PPO)."""
     target_kl: float = 0.02
-    """unless the policy is farther than 1.5 times this from that of the rollout, in nats (PPO)."""
+    """Divergence in nats that ends an update at 1.5 times this value (PPO)."""
     reward_scale: float = 0.01
-    """Constant factor of the reward, which is not normalised: that would clip the failure penalty. Of several
-    scenarios the rewards are divided by the number of estimated dimensions, relative to that of `paper`."""
+    """Constant factor of the reward; of several scenarios, that of one as large as `paper`."""
     reward_clip: float = 150.0
-    """Most that one decision may gain or lose in training, in the reward's unit, beside the failure penalty: a
-    rare gross error costs thousands of bits of log_score. Held-out rooms are judged without it."""
+    """Most that one decision may gain or lose in training, in the reward's unit, beside the failure penalty."""
     forfeit_weight: float = 2.0
-    """How often the failure penalty counts, in training and in the choice of the weights: users mind a lost
-    run more than its bits."""
+    """Factor of the failure penalty, in training and in the choice of the weights."""
     risk_weight: float = 1500.0
-    """What the chance to be lost now, as the belief has it, costs after each decision of training, in the reward's
-    unit: there are too few losses to learn from."""
+    """Cost of the probability to be lost, by the belief after each decision of training, in the reward's unit."""
     width: int = 64
-    """Units of each layer."""
+    """Units of each layer of the network."""
 
     @classmethod
     def of(cls, card: Mapping[str, Any]) -> "Recipe":
@@ -131,23 +124,23 @@ class Recipe:
 
 @dataclass(frozen=True)
 class Args(Recipe):
-    """Train a policy. --out gets the weights that did best in held-out rooms, their card, a checkpoint, and logs."""
+    """Train a policy; write the weights that did best in validation episodes, their card, a checkpoint and logs."""
 
     out: Path = Path("results/train")
-    """Folder of the results; training goes on from the checkpoint that it holds."""
+    """Folder of the results; a checkpoint in it is resumed."""
     device: str = "cpu"
-    """Where the network learns, as PyTorch names it: cpu, or cuda for a graphics processor."""
+    """Device on which the network learns, as PyTorch names it: cpu, or cuda for a GPU."""
     period: int = 10_000
-    """Decisions between checkpoints, and between visits to the held-out rooms."""
-    held_out_rooms: int = 64
-    """Rooms, of each scenario, that choose the best weights."""
-    unseen_rooms: int = 32
-    """Rooms, of each scenario, for the results on the card, of neither training nor choice; none: 0."""
+    """Decisions between checkpoints, and between rounds of validation."""
+    validation_episodes: int = 64
+    """Episodes of each scenario that choose the best weights."""
+    test_episodes: int = 32
+    """Episodes of each scenario for the results on the card; 0 for none."""
 
     def check(self) -> None:
         """Raises ValueError for a bad argument; the message names it, its value and what is allowed."""
         super().check()
-        within(self, period=(1, 2**40), held_out_rooms=(1, 2**16), unseen_rooms=(0, 10**6))
+        within(self, period=(1, 2**40), validation_episodes=(1, 2**16), test_episodes=(0, 10**6))
 
     def recipe(self) -> dict[str, Any]:
         """The arguments that determine a training, as they stand in a file."""

@@ -21,16 +21,15 @@ class Args(Workers):
     name: str = ""
     """Name of the entry on the leaderboard."""
     policies: tuple[str, ...] = ()
-    """The policy, as for compare; of a learner, one for every training seed."""
+    """The policy, named as for compare, or one policy for each training seed of a learner."""
     suite: str = "development"
-    """Name of the suite, or a manifest of your own (NAME.json)."""
+    """Suite: a name, or a manifest of your own (NAME.json)."""
     episodes: int | None = None
-    """The first so many episodes of each scenario; all if not given, which the leaderboard asks for."""
+    """Episodes of each scenario, from the first on; all if not given, as the leaderboard requires."""
     note: str = ""
-    """A sentence about it: what it is, and what it was trained on."""
+    """A sentence on the leaderboard about what the policy is and how it was trained."""
     out: Path = Path("results/entries")
-    """Folder of entries; this one is NAME/entry.json. Finished episodes are kept in it, and not played again; nor is a
-    finished entry of the same policies and BEHAVIOUR. Those of a factory of yours always are."""
+    """Folder in which NAME/entry.json is written and finished episodes are kept for the next time."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

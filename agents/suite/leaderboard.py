@@ -17,11 +17,12 @@ from agents.suite import entry as entries
 from agents.suite.entry import Entry
 from agents.suite.manifest import Suite, suite
 from agents.tools.arguments import Pages
-from agents.tools.sections import Table
+from agents.tools.sections import Table, put_section
 from agents.tools.statistics import FEWEST, RESAMPLES, TAILS, Estimate, estimate, interquartile_mean
 
 Array = NDArray[np.float64]
-SECTION, SHORT = "leaderboard", "board"  # sections of pages: all tables, and the first alone
+SECTION, SHORT = "leaderboard", "board"  # sections of pages: all tables, and a few rows and columns of the first
+SHORT_ROWS, SHORT_COLUMNS = 6, 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,11 +30,11 @@ class Args(Pages):
     """Make the leaderboard of the entries in a folder."""
 
     entries: Path = entries.FOLDER
-    """Folder of the entries, NAME/entry.json each."""
+    """Folder that holds NAME/entry.json for each entry."""
     suite: str = "development"
-    """Name of the suite, or a manifest of your own; entries of others are left out."""
+    """Suite whose entries are shown: a name, or a manifest of your own (NAME.json)."""
     episodes: int | None = None
-    """The first so many episodes of each scenario; all if not given. Entries with fewer are left out."""
+    """Episodes of each scenario, from the first on; entries with fewer are left out."""
 
 
 def main(args: Args) -> int:
@@ -50,7 +51,9 @@ def main(args: Args) -> int:
     tables = board(of, found)
     print("\n\n".join(table.aligned() for table in tables))
     text = "\n\n".join([*(f"### {table.title}\n\n{table.markdown()}" for table in tables), LEGEND])
-    args.publish("leaderboard", leaderboard=text, board=f"{tables[0].markdown()}\n\n{LEGEND}")
+    args.publish("leaderboard", leaderboard=text)
+    for page in args.report:
+        put_section(page, SHORT, f"{shortened(tables[0], of, found).markdown()}\n\n{SHORT_LEGEND}")
     return 0
 
 
@@ -61,6 +64,20 @@ LEGEND = (
     "same episode, mean over scenarios. [ ]: 95 % interval, by a bootstrap of training seeds, and of episodes in each "
     "scenario; of failures at least Clopper and Pearson's. With only five training seeds it is too narrow."
 )
+
+
+SHORT_LEGEND = "IQM: interquartile mean. In brackets: 95 % intervals. Gain: log score gained in the same episode."
+
+
+def shortened(whole: Table, of: Suite, found: Sequence[Entry]) -> Table:
+    """The best rows of the table of all scenarios, and that of the best open-loop entry, with its first columns."""
+    loops = {entry.name for entry in found if set(entry.policies) <= set(of.open_loops)}
+    names = [row[0] for row in whole.rows]
+    best = next(name for name in names if name in loops)
+    kept = {best, *[name for name in names if name != best][: SHORT_ROWS - 1]}
+    rows = [row[:SHORT_COLUMNS] for row in whole.rows if row[0] in kept]
+    header = [title.replace("gain more", "gain more than the best open-loop entry") for title in whole.header]
+    return Table(whole.title, header[:SHORT_COLUMNS], rows)
 
 
 def board(of: Suite, found: Sequence[Entry]) -> list[Table]:

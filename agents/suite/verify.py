@@ -33,11 +33,11 @@ class Args(Workers):
     """Replay an entry's point episodes, and a tenth of its image episodes, and compare every score."""
 
     entry: Annotated[Path, tyro.conf.Positional] = Path("entry.json")
-    """The entry's file, with weights or modules beside it."""
+    """The file entry.json, with weights or modules beside it."""
     suite: str = ""
-    """The suite, if it is a manifest of your own (NAME.json)."""
+    """Manifest of the suite (NAME.json), if it is your own."""
     out: Path = Path("results/verified")
-    """Folder of the replayed episodes, for an interrupted command."""
+    """Folder in which replayed episodes are kept, so that the command can be resumed."""
 
 
 def main(args: Args) -> int:

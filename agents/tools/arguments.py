@@ -22,9 +22,9 @@ class Workers:
     """Where episodes are played."""
 
     jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
-    """Processes."""
+    """Number of processes."""
     cluster: str = ""
-    """Address of a cluster of Ray that plays in their place: 'auto' on one of its machines, 'ray://HEAD:10001' from
+    """Address of a Ray cluster that plays the episodes: 'auto' on one of its machines, 'ray://HEAD:10001' from
     elsewhere, 'local' for one on this machine."""
 
     def __post_init__(self) -> None:
@@ -42,7 +42,7 @@ class Pages:
     """Generated sections of pages that people write."""
 
     report: tuple[Path, ...] = ()
-    """Markdown pages whose generated sections of this command are regenerated."""
+    """Markdown pages in which this command rewrites its generated sections."""
 
     def check_pages(self, *sections: str) -> None:
         """Raises ValueError where a page has none of these sections."""

@@ -20,8 +20,8 @@ FEW_ROOMS = 20  # with fewer rooms a report says that its intervals are a hint
 
 MISSING = "–"  # stands for a figure that no room gave
 LEGEND = (
-    f"[ ]: {CONFIDENCE:.0%} interval over rooms: of a share, Clopper and Pearson's; from {FEWEST} rooms on, of a "
-    "median by order statistics, of an interquartile mean (IQM, over the middle half of the rooms) by the bootstrap."
+    f"[ ]: {CONFIDENCE:.0%} interval over episodes: of a share, Clopper and Pearson's; from {FEWEST} episodes on, of a "
+    "median by order statistics, of an interquartile mean (IQM, over the middle half) by the bootstrap."
 )
 """Explains the brackets."""
 

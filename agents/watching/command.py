@@ -1,4 +1,4 @@
-"""`python -m agents watch`: an episode of one policy, or of several side by side in the same room."""
+"""`python -m agents watch`: an episode of one policy, or of several side by side."""
 
 import warnings
 from collections.abc import Iterator, Sequence
@@ -24,25 +24,25 @@ class Args:
     """Watch an episode in a window or, with --save or --tum, in files."""
 
     policies: tuple[str, ...] = ("mi-fisher",)
-    """Policies: names, a file of weights (.npz), or 'package.module:factory'."""
+    """Policies: names, weight files (.npz), models of Stable-Baselines3 (.zip) or 'package.module:factory'."""
     seed: int = 1_000_000
-    """The room: reset(seed=seed)."""
+    """Seed of the episode."""
     scenario: str = "paper"
-    """The scenario, as for compare."""
+    """Scenario: a name, fields as JSON, a file of such JSON or 'package.module:name'."""
     gaze_period: float | None = None
-    """Seconds between gaze commands; the scenario's if not given."""
+    """Seconds of a step; the scenario's if not given."""
     duration: float | None = None
     """Seconds of the episode; the scenario's if not given."""
     save: Path | None = None
-    """An animation of all policies side by side: .gif, .webp, .png or .mp4."""
+    """File for an animation of all policies side by side: .gif, .webp, .png or .mp4."""
     every: float = 0.5
     """Seconds of the episode between two pictures of the animation."""
     speed: float = 4.0
     """How many times faster than life the animation plays."""
     width: int = 640
-    """Pixels of a policy's picture in the animation; it is two thirds as high."""
+    """Width in pixels of each policy's picture, which is two thirds as high."""
     tum: Path | None = None
-    """A folder for the true and the estimated trajectories in TUM's format."""
+    """Folder for the true and the estimated trajectories in TUM's format."""
 
     def check(self) -> None:
         """Raises ValueError for a bad argument; the message names it, its value and what is allowed."""
@@ -102,7 +102,7 @@ def watch(args: Args) -> Iterator[Path]:
         row = outcome(episode)
         end = "lost" if episode.lost else f"{row['bits']:.0f} bits of entropy reduction"
         print(
-            f"{label(name)}, room {args.seed}: {end} (log score gain {row['log_score_gain']:.0f} bits), "
+            f"{label(name)}, episode {args.seed}: {end} (log score gain {row['log_score_gain']:.0f} bits), "
             f"{row['distinct_landmarks']} landmarks mapped, camera {100 * row['position_error']:.1f} cm off"
         )
         if args.tum:

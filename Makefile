@@ -61,6 +61,7 @@ leaderboard: $(VENV)/.agents $(VENV)/.advice ## play the test episodes of the su
 
 results: leaderboard ## every generated section of the pages and its pictures, at one commit (hours; the same command goes on)
 	$(RUN) -m agents compare --policies $(POLICIES) --reference best-constant --episodes $(or $(EPISODES),200) --out results/compare --report RESULTS.md --resume $(ON)
+	$(RUN) -m docs.tables
 	$(MAKE) consistency figures $(if $(EPISODES),,bench client-figures)
 
 figures: $(VENV)/.advice ## the paper's claims and figures, and the live system (an hour or more): docs

@@ -34,7 +34,6 @@ WIDE = {"results.md", "paper.md", "BENCHMARKS.md", "leaderboard.md"}
 FONT = "assets/STIXTwoMath-Regular.ttf"
 """A font for formulas, for readers whose system has none; it comes with the package ziamath (SIL Open Font License)."""
 
-_TABLE = re.compile(r"<!-- table: (\w+) -->")
 _INCLUDED = re.compile(r'^--8<-- "([\w/]+\.md):(\w+)"$', re.MULTILINE)
 _LINK = re.compile(r"(?P<image>!?)\[(?P<text>[^\]]*)\]\((?P<target>[^)\s#]+)(?P<anchor>#[^)\s]*)?\)")
 _FORMULA = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
@@ -120,15 +119,12 @@ def _cells(notebook: dict[str, Any]) -> Iterator[str]:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Make the links those of the site, and the tables that come from the code."""
-    from docs.tables import TABLES
-
+    """Make the links those of the site, and include sections of other pages."""
     if page.file.src_uri in WIDE:
         page.meta["hide"] = ["toc"]
     at = os.path.dirname(page.file.src_uri) or "."
     text = site_links(markdown, source_of(page.file.src_uri).parent, at)
-    text = _INCLUDED.sub(lambda line: site_links(*_section(ROOT / line[1], line[2]), at), text)
-    return _TABLE.sub(lambda table: TABLES[table[1]](), text)
+    return _INCLUDED.sub(lambda line: site_links(*_section(ROOT / line[1], line[2]), at), text)
 
 
 def _section(page: Path, name: str) -> tuple[str, Path]:

@@ -1,4 +1,4 @@
-"""Tables of the manual that are made from the code: `<!-- table: scenarios -->` in a page becomes one of these."""
+"""`python -m docs.tables`: rewrite the sections of the manual that are made from the code, and from RESULTS.md."""
 
 import ast
 import dataclasses
@@ -7,8 +7,18 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from activeslam_gym import config
+from activeslam_gym import ActiveSLAMEnv, config
 from activeslam_gym.envs.reward import REWARDS
+from agents import pretrained
+from agents.tools.sections import put_section, sections_of
+
+DOCS = Path(__file__).resolve().parent
+ROOT = DOCS.parent
+
+
+def specification() -> str:
+    """The docstring of the environment, which is its specification."""
+    return (inspect.getdoc(ActiveSLAMEnv) or "").partition("\nRaises:")[0].strip()
 
 
 def scenarios() -> str:
@@ -44,30 +54,34 @@ def rewards() -> str:
     return _table(("Reward", "Its potential"), rows)
 
 
-def leaderboard() -> str:
+def clips() -> str:
     """The policies of the headline of RESULTS.md, with scores and clips."""
-    from agents import pretrained
-    from agents.tools.sections import sections_of
-
-    root = Path(__file__).resolve().parents[1]
-    table = sections_of(root / "RESULTS.md")["headline"]
+    table = sections_of(ROOT / "RESULTS.md")["headline"]
     found = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in table.splitlines() if "|" in line]
     scored = {row[0]: row for row in found[2:]}
     titles = ("log score gain, bits (median)", "under 0, %", "lost, %")
     if missing := [title for title in titles if title not in found[0]]:
         raise ValueError(f"the headline of RESULTS.md has no column {', '.join(missing)}")
     columns = [found[0].index(title) for title in titles]
-    clips = {path.stem for path in (root / "docs" / "images" / "clips").glob("*.gif")}
+    pictures = {path.stem for path in (DOCS / "images" / "clips").glob("*.gif")}
     rows = []
     for name, row in scored.items():
-        kind = f"learned: [its card](cards/{name}.md)" if name in pretrained.names() else "computed"
-        clip = f"![{name} in the episode 1000111](images/clips/{name}.gif){{ width=320 }}" if name in clips else ""
+        kind = f"learned: [its card](../agents/pretrained/{name}.json)" if name in pretrained.names() else "computed"
+        shown = f'<img src="images/clips/{name}.gif" width="320" alt="{name} in the episode 1000111">'
+        clip = shown if name in pictures else ""
         rows.append((f"`{name}`<br>{kind}", *(row[column] for column in columns), clip))
     head = ("policy", "log score gain, bits: median", "under 0, %", "lost, %", "one episode, 4 times as fast")
     return _table(head, rows)
 
 
-TABLES = {"scenarios": scenarios, "fields": fields, "rewards": rewards, "leaderboard": leaderboard}
+TABLES = {
+    "specification": specification,
+    "scenarios": scenarios,
+    "fields": fields,
+    "rewards": rewards,
+    "clips": clips,
+}
+"""Name of a generated section, and the function that makes its text."""
 
 
 def _field_docstrings(cls: type) -> dict[str, str]:
@@ -90,3 +104,14 @@ def _shown(value: Any) -> str:
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join("| " + " | ".join(row) + " |" for row in (head, ["---"] * len(head), *rows))
+
+
+def main() -> None:
+    """Rewrite the sections in the pages that have them."""
+    for name, text in ((name, make()) for name, make in TABLES.items()):
+        pages = [page.name for page in sorted(DOCS.glob("*.md")) if put_section(page, name, f"\n{text}\n")]
+        print(f"{name}: {', '.join(pages)}")
+
+
+if __name__ == "__main__":
+    main()

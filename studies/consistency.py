@@ -37,7 +37,7 @@ TIMES = (5.0, 15.0, 25.0, 35.0)  # of the CSV [s]
 NEES = ("position_nees", "orientation_nees", "landmark_nees")
 HEADER = ("policy", "variant", "lost, %", "wrong matches, %", "NEES of the pose", "NEES of landmarks")
 DRAWN = ("mi-constant", "mi-mi", "mi-fisher", "sweep")
-Runs = Mapping[tuple[str, str], list[Episode]]  # by policy and variant
+Runs = Mapping[tuple[str, Any], list[Episode]]  # by policy and variant
 
 
 def wrong_matches(runs: Sequence[Episode]) -> float:

@@ -21,6 +21,7 @@ from activeslam_gym.information import CRITERIA
 from agents import pretrained
 from agents.__main__ import COMMANDS
 from agents.tools.sections import sections_of
+from docs.tables import TABLES
 from examples import fisher_trace
 from tests.support import python
 
@@ -118,6 +119,12 @@ def test_notebooks_import_and_never_define_and_are_committed_without_output() ->
         assert not defined, f"{', '.join(defined)} of {notebook.name} belongs into a module"
         assert cells(notebook, "markdown")[0].startswith("# ")
         assert notebook.stat().st_size < 100_000, f"clear the output of {notebook.name}"
+
+
+def test_sections_that_are_made_from_the_code_are_as_it_makes_them() -> None:
+    sections = {name: text for page in PAGES for name, text in sections_of(page).items()}
+    for name, make in TABLES.items():
+        assert sections[name].strip() == make().strip(), f"{name}: run python -m docs.tables"
 
 
 def test_the_code_of_a_titled_block_is_in_the_file_of_that_name() -> None:

@@ -13,8 +13,8 @@ def run_all(
 ) -> Generator[tuple[T, R], None, None]:
     """Yield the tasks with their results as they finish, under a progress bar; close the generator to end processes.
 
-    ``workers``: so many processes, for one and not ``apart`` this one; or `on_cluster` with an address. ``finished``:
-    episodes of the bar at its start; None is no bar. What fails is raised when all others are over, with its name.
+    ``workers``: so many processes (one and not ``apart``: this one), or `on_cluster` with an address. ``finished``: of
+    the bar at its start, None is no bar. What fails is raised with the names of its episodes, when all others are over.
     """
     from tqdm import tqdm
 
@@ -33,8 +33,7 @@ def run_all(
             else:
                 yield task, result
     if failed:
-        message = f"{len(failed)} of {len(tasks)} failed, such as {'; '.join(map(str, failed[:3]))}"
-        raise ValueError(message) if failed[1:] else failed[0]
+        raise ValueError(f"{len(failed)} failed: {'; '.join(map(str, failed[:3]))}") if failed[1:] else failed[0]
 
 
 def _in_processes(
@@ -50,8 +49,7 @@ def _in_processes(
         finally:
             for process in list((pool._processes or {}).values()):  # an unfinished episode is not waited for
                 process.kill()
-    why = "its process ended before it was over, twice (by itself, killed, or out of memory)"
     for task in (rest := list(left.values()))[:processes]:  # they begin in their order
-        error = ChildProcessError(f"{task[0]}: {why}")
+        error = ChildProcessError(f"{task[0]}: its process ended twice before it was over (killed, or out of memory)")
         yield from [(task, error)] if again else _in_processes(function, [task], 1, again=True)
     yield from _in_processes(function, rest[processes:], processes) if rest[processes:] else ()

@@ -189,7 +189,7 @@ def test_one_s_own_modules_weights_and_scenarios_travel(nodes: Any, own: str, tm
 
 @pytest.mark.parametrize(
     ("how", "error", "told"),
-    [("Raises", ValueError, "KeyError: 'two'.*room 2"), ("Ends", OSError, "room 1: .*lost twice")],
+    [("Raises", ValueError, "KeyError: 'two'.*episode 2"), ("Ends", OSError, "episode 1: .*lost twice")],
 )
 def test_an_episode_that_fails_is_named_and_all_others_are_played(
     how: str, error: type[Exception], told: str, nodes: Any, own: str

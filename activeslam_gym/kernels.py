@@ -7,11 +7,9 @@ its own, and going back to the old content finds the old kernels again. Edits of
 
 import contextlib
 import functools
-import gc
 import hashlib
 import os
 import pickle
-import shutil
 import sys
 import time
 from collections.abc import Callable
@@ -35,7 +33,6 @@ Tree = TypeVar("Tree", bound=tuple)
 
 _PACKAGE = Path(__file__).parent
 _CONFIG: Any = _numba_config
-_FOLDERS_KEPT = 4  # contents whose kernels are kept beside the present one's, the last used ones
 
 
 def compiled(function: Any = None, **options: Any) -> Any:
@@ -305,11 +302,8 @@ class _Cache(FunctionCache):
         return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep the kernel, and delete the kernels of contents that were not used for long."""
+        """Keep the kernel."""
         try:
-            if not os.path.isdir(self._cache_path):
-                os.makedirs(self._cache_path, exist_ok=True)
-                _delete_old_folders(Path(self._cache_path))
             super().save_overload(sig, data)
         except OSError as error:
             if not _Cache.complained:
@@ -341,30 +335,15 @@ def _cache_of(function: Callable[..., Any]) -> Any:
         return _NoCache()
 
 
-def _delete_old_folders(present: Path) -> None:
-    """Remove the folders beside the ``present`` one, but for those used last."""
-    with contextlib.suppress(OSError):
-        folders = sorted(present.parent.glob("kernels-*"), key=lambda folder: folder.stat().st_mtime, reverse=True)
-        for folder in [folder for folder in folders if folder != present][_FOLDERS_KEPT:]:
-            shutil.rmtree(folder, ignore_errors=True)
-
-
 # Messages -----------------------------------------------------------------------------------------------------------
 
 _PAUSE = 1.0  # seconds without compilation after which the next kernels are a batch of their own, and are announced
 _compiled_at = -_PAUSE  # time of the last beginning or end of a compilation
-_RARELY = 50_000, 20, 20
-"""When Python looks for garbage while a kernel is compiled: Numba makes millions of objects, and it takes a tenth of
-the time to look at them each time; see `gc.set_threshold`."""
-_as_before = gc.get_threshold()
 
 
 def _announce(then: str) -> None:
     """Say why a call takes long: once for all kernels that are compiled one after another."""
-    global _as_before, _compiled_at
-    if gc.get_threshold() != _RARELY:
-        _as_before = gc.get_threshold()
-        gc.set_threshold(*_RARELY)
+    global _compiled_at
     if time.monotonic() - _compiled_at > _PAUSE:
         _say(f"compiling kernels (a minute or two), {then} ...")
     _compiled_at = time.monotonic()
@@ -373,7 +352,6 @@ def _announce(then: str) -> None:
 def _compilation_ended() -> None:
     global _compiled_at
     _compiled_at = time.monotonic()
-    gc.set_threshold(*_as_before)
 
 
 def _say(message: str) -> None:

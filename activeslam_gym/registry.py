@@ -82,12 +82,7 @@ class Registry(dict[str, Entry]):
         if name in self.own:
             return self[name](*arguments)  # type: ignore[operator]
         value = asked(f"{self.kind} {name!r}", self[name], *arguments, where=f" {where}")  # type: ignore[arg-type]
-        try:
-            real = isinstance(value, numbers.Real) and not isinstance(value, bool)
-            finite = real and abs(float(value)) < _GREATEST
-        except OverflowError:  # an int beyond all floats
-            finite = False
-        if not finite:
+        if not isinstance(value, numbers.Real) or not abs(value) < _GREATEST:  # type: ignore[operator]
             raise ValueError(f"{self.kind} {name!r} must return a finite number {where}, got {value!r:.300}")
         return float(value)
 

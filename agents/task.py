@@ -16,15 +16,7 @@ import gymnasium as gym
 import activeslam_gym  # noqa: F401  (registers the environment)
 from activeslam_gym.config import IMAGE_SCENARIOS
 from activeslam_gym.evaluation import Episode, Measure, Observer, Store, play
-from activeslam_gym.evaluation.code import (
-    IMAGE_LIBRARIES,
-    LEARNING_LIBRARIES,
-    digest,
-    foreign_modules,
-    own_files,
-    package_sources,
-    package_versions,
-)
+from activeslam_gym.evaluation.code import digest, foreign_modules, own_files, package_sources
 from activeslam_gym.evaluation.parallel import run_all
 from activeslam_gym.evaluation.store import Arrays
 from agents import policies
@@ -64,7 +56,6 @@ class Task:
             "environment": _resolved(self.settings),
             "whole": self.whole,
             "measures": [[one.__name__, digest(Path(getfile(one)))] for one in self.measures],
-            "libraries": package_versions(LEARNING_LIBRARIES),
         }
 
 
@@ -197,6 +188,5 @@ def _resolved(settings: str) -> dict[str, Any]:
     core, id = env.unwrapped, env.spec.id
     times = {name: getattr(core, name) for name in ("gaze_period", "motion_period", "duration")}
     defaults = {"end_when_lost": False, "lost_position_error": 0.5, "reward": "entropy"}
-    images = package_versions(IMAGE_LIBRARIES) if id == IMAGES else {}
     env.close()
-    return {**defaults, **given, **times, "id": id, "scenario": asdict(core.scenario), "images": images}
+    return {**defaults, **given, **times, "id": id, "scenario": asdict(core.scenario)}

@@ -56,11 +56,11 @@ def best_constant(env: Any) -> tuple[Motion, Gaze]:
     return Motion[found["motion"]], Gaze[found["gaze"]]
 
 
-def found_or_chosen(path: Path, env: Any, choose: Choose, what: str, **limit: Any) -> dict[str, Any]:
+def found_or_chosen(path: Path, env: Any, choose: Choose, what: str) -> dict[str, Any]:
     """The entry of the table ``path`` for ``env``, or, where it has none, the best one that ``choose`` finds now."""
-    own, key = key_of(env), (path.stem, key_of(env), *limit.values())
+    own, key = key_of(env), (path.stem, key_of(env))
     if not (known := table_of(path).get(own) or FOUND.get(key)):
-        FOUND[key] = known = _chosen(choose, what, *_asked(env), **limit)
+        FOUND[key] = known = _chosen(choose, what, *_asked(env))
     return known
 
 
@@ -87,7 +87,7 @@ def _asked(env: Any) -> tuple[Scenario, float, float, float]:
     return env.scenario, env.motion_period if whole else env.gaze_period, env.motion_period, env.duration
 
 
-def _chosen(choose: Choose, what: str, scenario: Scenario, *times: float, **limit: Any) -> dict[str, Any]:
+def _chosen(choose: Choose, what: str, scenario: Scenario, *times: float) -> dict[str, Any]:
     """``choose``, and said. Its episodes are kept in the user's cache, where that can be written."""
     message = f"baselines: choosing the best {what} for {scenario.name!r}, {times[-1]:g} s"
     folder = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "activeslam_gym")
@@ -97,7 +97,7 @@ def _chosen(choose: Choose, what: str, scenario: Scenario, *times: float, **limi
     except OSError:
         store, where = NOT_KEPT, ""
     print(f"{message}, in training episodes{where} ...", file=sys.stderr, flush=True)
-    return choose(scenario, *times, store, **limit)
+    return choose(scenario, *times, store)
 
 
 def searched(scenario: Scenario) -> Scenario:

@@ -7,9 +7,8 @@ which takes minutes, shows a bar, and goes on where an interrupted search ended.
 
 import math
 from collections.abc import Sequence as Many
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext
 from pathlib import Path
-from time import monotonic
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -17,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeslam_gym import Gaze, Motion, Scenario, core_of
-from activeslam_gym.config import TRAINING_SEED, positive_number
+from activeslam_gym.config import TRAINING_SEED
 from activeslam_gym.evaluation.store import NOT_KEPT, Store
 
 from . import constants
@@ -59,20 +58,17 @@ class Sequence(NamedTuple):
 
 
 class BestSequence(Planned):
-    """The best sequence of the scenario, by the median log score, that a search found: better ones may exist.
+    """The best sequence of the scenario, by the median log score, that a search found: better ones may exist."""
 
-    ``seconds`` limits the search, where there is one.
-    """
-
-    def __init__(self, env: Environment, seconds: float = math.inf) -> None:
-        core, limit = core_of(env), positive_number("seconds", seconds, "seconds")
+    def __init__(self, env: Environment) -> None:
+        core = core_of(env)
         periods = math.ceil(core.duration / core.motion_period - 1e-9)
-        super().__init__(env, best_sequence(core, limit).plan(periods))
+        super().__init__(env, best_sequence(core).plan(periods))
 
 
-def best_sequence(env: Any, seconds: float = math.inf) -> Sequence:
+def best_sequence(env: Any) -> Sequence:
     """The best sequence for the scenario, the motion period and the duration of ``env``, a bare environment."""
-    return sequence_from(found_or_chosen(TABLE, env, choose_sequence, "sequence", seconds=seconds))
+    return sequence_from(found_or_chosen(TABLE, env, choose_sequence, "sequence"))
 
 
 def sequence_from(entry: dict[str, Any]) -> Sequence:
@@ -90,29 +86,26 @@ def choose_sequence(
     motion_period: float,
     duration: float,
     store: Store = NOT_KEPT,
-    seconds: float = math.inf,
 ) -> dict[str, Any]:
     """The sequence of the highest median log score: its actions and ends, and the medians of the best finalists [bit].
 
     Random sequences and constants by successive halving; then the best are changed for some rounds, judged in the
     same rooms; at last those left and every constant play new rooms, by which alone the best is chosen. A scenario of
-    images is played with images only then, by the best (see `constants.searched`). After ``seconds`` no new round
-    begins, and the best so far is chosen. ``store`` keeps the rounds that are over, so that a second search goes on.
+    images is played with images only then, by the best (see `constants.searched`). ``store`` keeps the rounds that are
+    over, so that a second search goes on.
     """
-    times, quick, until = (gaze_period, motion_period, duration), constants.searched(scenario), monotonic() + seconds
+    times, quick = (gaze_period, motion_period, duration), constants.searched(scenario)
     rng, first = np.random.default_rng(0), TRAINING_SEED
     held = [constant(tuple(action)) for action in CONSTANTS.tolist()]
     pool = held + [random_sequence(rng) for _ in range(RANDOM)]
     scores = np.empty((len(pool), 0))
 
     def play(sequences: list[Sequence], seeds: range) -> NDArray[np.float64]:
-        if scores.size and monotonic() > until:
-            raise TimeoutError
         found = log_scores(sequences, quick, seeds, times=times, store=store)
         bar.update()
         return found
 
-    with _progress() as bar, suppress(TimeoutError):
+    with _progress() as bar:
         for rooms, kept in HALVINGS:
             more = play(pool, range(first + scores.shape[1], first + scores.shape[1] + rooms))
             pool, scores = _best(pool, np.hstack((scores, more)), kept)

@@ -17,7 +17,6 @@ import tyro
 
 from activeslam_gym import Motion
 from activeslam_gym.evaluation import Store
-from activeslam_gym.evaluation.code import IMAGE_LIBRARIES, package_versions
 from activeslam_gym.evaluation.store import Arrays
 from activeslam_gym.live.person import FOLLOW, HABITS, NEVER, STILL
 from activeslam_gym.live.trial import Second, trial
@@ -57,7 +56,7 @@ class Trial(NamedTuple):
 
     @property
     def key(self) -> dict[str, Any]:
-        return {"live": self, "versions": package_versions(IMAGE_LIBRARIES)}
+        return {"live": self}
 
 
 def play_trials(trials: Sequence[Trial]) -> list[Arrays]:

@@ -64,20 +64,3 @@ def visitor(address: str, **how: Any) -> Any:
 
     url = address.replace("http", "ws").replace("localhost", "127.0.0.1")
     return connect(url, subprotocols=[f"viser-v{viser.__version__}"], max_size=None, compression=None, **how)
-
-
-def camera_message() -> bytes:
-    """The first message of a browser, after which the page counts it as a visitor."""
-    from msgspec.msgpack import encode
-
-    pose = {"wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0, 0.0, 0.0), "look_at": (0.0, 0.0, 1.0)}
-    lens = {"fov": 1.0, "near": 0.1, "far": 9.0, "image_height": 9, "image_width": 9, "up_direction": (0.0, 1.0, 0.0)}
-    return encode({"type": "ViewerCameraMessage", **pose, **lens})
-
-
-def pressing(button: Any) -> list[bytes]:
-    """The messages of a browser that comes and presses ``button``."""
-    from msgspec.msgpack import encode
-
-    click = {"type": "GuiUpdateMessage", "uuid": button._impl.uuid, "updates": {"value": True}}
-    return [camera_message(), encode(click)]

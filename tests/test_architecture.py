@@ -72,24 +72,6 @@ PUBLIC = {
 BEHIND: dict[str, set[str]] = {"agents.sb3_vec_env": {"envs.episode"}}
 """Exceptions from ``PUBLIC``: the batch for SB3, which takes `infos` apart."""
 
-SLOW_TO_IMPORT = {"torch", "matplotlib", "stable_baselines3", "scipy.stats", "cv2", "viser"}
-"""Imported inside the functions that use them, in ``activeslam_gym`` and ``baselines``."""
-
-RENDERING = "activeslam_gym.rendering"
-PANELS = "activeslam_gym.rendering.panels"
-"""Imports matplotlib at its top, and is itself imported inside the functions that draw."""
-
-DRAWING = {"matplotlib", "PIL", "pygame", "cv2"}
-"""Imported by ``activeslam_gym.rendering`` alone within ``activeslam_gym``, inside functions too."""
-
-PICTURES = {
-    "activeslam_gym.vision.opencv": {"cv2"},
-    "activeslam_gym.live.model": {"PIL"},
-    "activeslam_gym.vision.sources": {"PIL"},
-}
-"""The exceptions: OpenCV, and that says the extra's name where it is missing; and Pillow, which reads pictures, and
-whose images are the textures of trimesh."""
-
 
 class Import(NamedTuple):
     """One import: ``importer`` (dotted module) takes ``target`` (dotted, with the imported name) at ``line``."""
@@ -97,8 +79,6 @@ class Import(NamedTuple):
     importer: str
     target: str
     line: int
-    at_top: bool
-    """Runs when the importer is imported: outside functions and ``if TYPE_CHECKING``."""
 
 
 FILES = [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
@@ -112,24 +92,18 @@ def is_under(name: str, *prefixes: str) -> bool:
     return any(name == prefix or name.startswith(prefix + ".") for prefix in prefixes)
 
 
-def imports(importer: str, node: ast.AST, at_top: bool = True) -> Iterator[Import]:
-    """Every import in ``node``, wherever it stands."""
-    for child in ast.iter_child_nodes(node):
-        if isinstance(child, ast.Import):
-            for alias in child.names:
-                yield Import(importer, alias.name, child.lineno, at_top)
-        elif isinstance(child, ast.ImportFrom):
+def imports(importer: str, text: str) -> Iterator[Import]:
+    """Every import in a module's ``text``, wherever it stands."""
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield Import(importer, alias.name, node.lineno)
+        elif isinstance(node, ast.ImportFrom):
             # `from . import x` in a.b.c is from a.b, one more dot is one package up; a package's name is a.b.__init__
-            home = importer.split(".")[: -child.level] if child.level else []
-            base = ".".join([*home, *([child.module] if child.module else [])])
-            for alias in child.names:
-                yield Import(importer, base if alias.name == "*" else f"{base}.{alias.name}", child.lineno, at_top)
-        elif isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test):
-            for part, top in ((child.body, False), (child.orelse, at_top)):
-                yield from imports(importer, ast.Module(part, []), top)
-        else:
-            is_function = isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda))
-            yield from imports(importer, child, at_top and not is_function)
+            home = importer.split(".")[: -node.level] if node.level else []
+            base = ".".join([*home, *([node.module] if node.module else [])])
+            for alias in node.names:
+                yield Import(importer, base if alias.name == "*" else f"{base}.{alias.name}", node.lineno)
 
 
 def unit(module: str) -> str:
@@ -144,35 +118,26 @@ def wrong(found: Import, modules: set[str]) -> list[str]:
     # `from activeslam_gym import x` means the module x, if there is one, and else a name of the package itself
     own_name = target.count(".") == 1 and target not in modules
     inside = "__init__" if own_name else target.removeprefix(f"{GYM}.")
-    painter = is_under(importer, RENDERING)
-    slow = (SLOW_TO_IMPORT | {PANELS if painter else RENDERING}) - ({"matplotlib"} if importer == PANELS else set())
     rules = {
         "goes up a floor": there in (*PACKAGES, *TOPS) and there not in FLOORS[here] | {here},
         "crosses a wall": here == there == GYM
         and not is_under(inside, unit(importer), *MAY_IMPORT.get(unit(importer), ())),
         "looks behind the package": here != there == GYM
         and not (own_name or target == GYM or is_under(inside, *PUBLIC, *BEHIND.get(importer, ()))),
-        "belongs inside the function that uses it": found.at_top
-        and here in (GYM, "baselines")
-        and is_under(target, *slow),
-        "draws, which only rendering does": here == GYM
-        and not painter
-        and is_under(target, *DRAWING - PICTURES.get(importer, set())),
     }
     return [f"{importer}:{found.line}, {target}: {rule}" for rule, broken in rules.items() if broken]
 
 
 def faults(sources: dict[str, str], modules: set[str]) -> list[str]:
     """The rules that the texts of ``sources``, by module, break."""
-    trees = {name: ast.parse(text) for name, text in sources.items()}
-    return [fault for name, tree in trees.items() for one in imports(name, tree) for fault in wrong(one, modules)]
+    return [fault for name, text in sources.items() for one in imports(name, text) for fault in wrong(one, modules)]
 
 
 def circle(sources: dict[str, str]) -> list[str]:
     """Modules that import each other in a circle, the first one again at the end; ``sources`` are texts by name."""
     modules, graph = {name.removesuffix(".__init__") for name in sources}, {}
     for name, text in sources.items():
-        found = list(imports(name, ast.parse(text)))
+        found = list(imports(name, text))
         targets = {one.target if one.target in modules else one.target.rpartition(".")[0] for one in found}
         graph[name.removesuffix(".__init__")] = targets & modules - {name.removesuffix(".__init__")}
     try:

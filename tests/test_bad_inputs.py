@@ -9,8 +9,6 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.envs.registration import EnvSpec
-from gymnasium.vector import AutoresetMode
 
 import baselines
 from activeslam_gym import ActiveSLAMEnv, ActiveSLAMVectorEnv, observation_layout
@@ -88,16 +86,6 @@ def test_actions_seeds_and_options_are_named(env: ActiveSLAMEnv, batch: ActiveSL
         refuses("options", lambda options=options: batch.reset(options=options))
     for mask in (5, [True, False], np.array([1, 0]), np.zeros(2, bool), np.ones(1, bool), np.ones((2, 1), bool), None):
         refuses("reset_mask", lambda mask=mask: batch.reset(options={"reset_mask": mask}))
-
-
-def test_numbers_of_numpy_do_not_spoil_the_specification() -> None:
-    given = {"gaze_period": np.float32(0.25), "scenario": {"landmark_count": np.int64(20)}}
-    for env in (
-        gymnasium.make("ActiveSLAM-v0", **given),
-        gymnasium.make_vec("ActiveSLAM-v0", num_envs=2, autoreset_mode=AutoresetMode.SAME_STEP, **given),
-    ):
-        again = EnvSpec.from_json(env.spec.to_json())
-        assert again.kwargs["gaze_period"] == 0.25 and again.kwargs["scenario"] == {"landmark_count": 20}
 
 
 def test_scores_policies_and_layouts_are_named(env: ActiveSLAMEnv, batch: ActiveSLAMVectorEnv) -> None:

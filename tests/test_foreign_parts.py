@@ -67,12 +67,7 @@ def with_landmark_of_nothing(e: Estimate) -> Estimate:
 
 WRONG_ESTIMATORS = {
     "an id of nothing": like(NumpyEkf, update=lambda m: first(m, 999, int)),
-    "complex matches": like(NumpyEkf, update=lambda m: m + 1j),
-    "no matches": like(NumpyEkf, update=lambda m: None),
-    "a failing reset": like(NumpyEkf, reset=fails),
     "a failing predict": like(NumpyEkf, predict=fails),
-    "no class": None,
-    "no estimate": like(NumpyEkf, estimate=lambda e: None),
     "a landmark of nothing": like(NumpyEkf, estimate=with_landmark_of_nothing),
     "the same id twice": estimated(ids=lambda ids: np.full(len(ids), ids[0])),
     "infinite points": estimated(points=lambda y: first(y, np.inf, float)),
@@ -86,12 +81,7 @@ def test_ids_of_nothing_made_a_map_look_better(wrong: str, monkeypatch: pytest.M
     monkeypatch.setitem(ESTIMATORS, "mine", WRONG_ESTIMATORS[wrong])
     with pytest.raises(ValueError, match="the estimator 'mine'") as told:
         flown(scenario={"estimator": "mine", **KNOWN})
-    assert "in frame" in str(told.value) or wrong in (
-        "a failing reset",
-        "a failing constructor",
-        "no class",
-        "no method",
-    )
+    assert "in frame" in str(told.value)
 
 
 def test_an_estimator_of_lists_and_single_precision_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -126,14 +116,11 @@ def modelled(**methods: Callable[..., Any]) -> type:
 
 WRONG_SENSORS = {
     "labels of nothing": sensed(lambda values, labels: (values, labels + 999)),
-    "no values": sensed(lambda values, labels: (None, labels)),
-    "complex values": sensed(lambda values, labels: (values + 1j, labels)),
     "too many": sensed(lambda values, labels: (np.tile(values, (99, 1)), np.tile(labels, 99))),
     "a failing measure": like(RangeSensor, measure=fails),
     "no model": like(RangeSensor, model=lambda model: None),
     "asymmetric noise": modelled(noise=lambda R: R + np.triu(np.ones(R.shape), 1)),
     "no visibility": modelled(visible=lambda seen: None),
-    "flat Jacobians": modelled(predict=lambda answer: (answer[0], answer[1][:2], answer[2])),
 }
 
 
@@ -146,9 +133,7 @@ def test_a_wrong_answer_of_a_sensor_is_told_by_name(wrong: str, monkeypatch: pyt
 
 WRONG_SCENES = {
     "no bounds": type("Mine", (SphereScene,), {"bounds": None, "__init__": lambda *_: None}),
-    "no points": like(SphereScene, sample=lambda found: None),
     "no clearance": like(SphereScene, clearance=lambda free: None),
-    "a wide clearance": like(SphereScene, clearance=lambda free: 2.0 * free + 9.0),
     "a failing clearance": like(SphereScene, clearance=fails),
     "blocks of None": like(SphereScene, blocks=lambda hides: None),
     "no scene": lambda *_: None,

@@ -15,19 +15,16 @@ from activeslam_gym.geometry import rotation_matrix  # noqa: E402
 from activeslam_gym.information.candidates import visible_points  # noqa: E402
 from activeslam_gym.live.advice import CRITERION, adviser_named, best  # noqa: E402
 from activeslam_gym.live.drawing import NAMES, command  # noqa: E402
-from activeslam_gym.live.expected import ExpectedMap  # noqa: E402
 from activeslam_gym.live.person import FOLLOW, NEVER, STILL, Person  # noqa: E402
 from activeslam_gym.live.run import Live  # noqa: E402
 from activeslam_gym.live.session import Session  # noqa: E402
-from activeslam_gym.live.source import ROOM, RecordedImages, RenderedRoom, posed  # noqa: E402
+from activeslam_gym.live.source import ROOM, RecordedImages, RenderedRoom  # noqa: E402
 from activeslam_gym.live.state import Standing, State  # noqa: E402
 from activeslam_gym.motion import Motion, motion_of  # noqa: E402
 from activeslam_gym.vision.outcome import MATCHED  # noqa: E402
 from activeslam_gym.vision.target import CORNERS  # noqa: E402
-from activeslam_gym.vision.track import start  # noqa: E402
-from activeslam_gym.vision.views import projected  # noqa: E402
 
-from .vision_scene import CAMERA, LENS, TARGET, image_from, pose_at  # noqa: E402
+from .vision_scene import LENS, TARGET, image_from, pose_at  # noqa: E402
 
 HERE = pose_at((0.0, 0.0, 0.7))
 CALM = replace(ROOM, acceleration_std=0.0, angular_acceleration_std=0.0)
@@ -72,20 +69,6 @@ def test_a_policy_of_an_environment_advises(name: str) -> None:
     assert states[-1].standing == Standing.TRACKING and np.isnan(states[-1].scores).all()
     assert NAMES[states[-1].command] in command(states[-1]) and "of a policy" in command(states[-1])
     assert name != "generalist" or {state.command for state in states[15:]} != {Motion.STAY}
-
-
-@pytest.mark.parametrize("rate", [7.5, 29.97])
-def test_a_policy_advises_before_a_real_target_at_any_rate(rate: float) -> None:
-    image, (fields, scenario) = image_from(HERE), posed(LENS, rate)
-    target = TARGET._replace(corners_px=projected(CAMERA, HERE, TARGET.fiducials))
-    front_end = start(image, LENS, target, rate, scenario_fields=fields)
-    expected = ExpectedMap(scenario, front_end, np.random.SeedSequence(0))
-    adviser = adviser_named("mi-mi")(scenario, expected)
-    for k in range(1, round(2.0 * rate) + 2):
-        front_end.step(image, k / rate)
-        expected.update()
-        adviser.consider()
-    assert adviser.advised.sum() == 2
 
 
 def test_the_same_seed_gives_the_same_run_after_a_restart(walk: Any) -> None:

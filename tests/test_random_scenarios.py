@@ -1,6 +1,5 @@
 """Random legal scenarios reset without an error; scenarios without a usable room are refused with a reason."""
 
-import time
 from dataclasses import replace
 from typing import Any
 
@@ -44,16 +43,6 @@ def test_a_door_wider_than_its_wall_is_refused(walls: tuple[int, int]) -> None:
 
 
 # Ways through a room ------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("size", [1e3, 1e6, 1e12])
-def test_a_large_room_with_a_box_is_drawn_at_once(size: float) -> None:
-    """The search for ways visited each cell of 0.1 m: 10^8 of them in a room of 1000 m."""
-    scenario = Scenario(room_size=(size, 3.0, size), boxes=(BOX,), box_count=(0, 3), landmark_layout="clusters")
-    begun = time.perf_counter()
-    for seed in range(3):
-        draw_room(scenario, np.random.default_rng(seed))
-    assert time.perf_counter() - begun < 10.0
 
 
 def reachable_cell_by_cell(scenario: Scenario, boxes: np.ndarray, place: np.ndarray, margin: float) -> bool:

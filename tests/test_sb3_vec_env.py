@@ -68,18 +68,6 @@ def test_the_chance_of_a_loss_is_the_share_of_errors_over_the_limit(std: tuple[f
     assert loss_chance(np.diag(np.square(std)), 0.5) == pytest.approx(share, abs=0.015)
 
 
-def test_a_step_costs_the_chance_of_a_loss() -> None:
-    free, priced = (ScaledReward(ActiveSLAMVecEnv(2, **SHORT), 0.1, risk_weight=weight) for weight in (0.0, 50.0))
-    for env in (free, priced):
-        env.seed(5)
-        env.reset()
-    actions = np.full((2, 2), 1)
-    cost = (free.step(actions)[1] - priced.step(actions)[1]) / (0.1 * 50.0)
-    covariances = np.stack([belief.covariance[:3, :3] for belief in priced.unwrapped.belief])
-    np.testing.assert_allclose(cost, loss_chance(covariances, SHORT["lost_position_error"]), rtol=1e-3, atol=1e-6)
-    assert (cost > 1e-3).all()
-
-
 def test_attributes_methods_and_seeds_are_those_of_single_environments() -> None:
     env = ActiveSLAMVecEnv(3)
     env.reset()

@@ -1,18 +1,16 @@
 """`best-sequence`: what a sequence plays, how it is searched, and what is shipped."""
 
 import json
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
-import baselines
 from activeslam_gym import Gaze, Motion, Scenario
 from activeslam_gym.evaluation import run_episode
 from agents.task import make_environment
-from baselines import constants, sequences
+from baselines import sequences
 from baselines.constants import key_of
 from baselines.constants import log_scores as scores_of_plans
 from baselines.fixed import Planned
@@ -75,23 +73,6 @@ def test_every_constant_is_among_the_finalists_though_the_first_rooms_speak_agai
 
     monkeypatch.setattr(sequences, "log_scores", worths)
     assert sequence_from(choose_sequence(Scenario(), 1.0, 1.0, 35.0)) == held
-
-
-def test_a_search_stops_at_its_limit_and_goes_on_from_the_rounds_that_it_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(sequences, "RANDOM", 3)
-    asked = {"scenario": {"name": "mine", "pixel_std": 2.6}, "duration": 2.0}
-    env = gym.make("ActiveSLAM-v0", **asked)
-    first = baselines.make("best-sequence", env, seconds=1e-9)
-    assert str(tmp_path) in capsys.readouterr().err
-    assert [path.suffix for path in tmp_path.rglob("*.*")] == [".npz"], "one round, whole"
-    monkeypatch.setattr(constants, "_final_scores", lambda *_, **__: pytest.fail("played again"))
-    again = baselines.make("best-sequence", env, seconds=2e-9)
-    np.testing.assert_array_equal(again._plans, first._plans)
-    with pytest.raises(ValueError, match="seconds must be"):
-        baselines.make("best-sequence", env, seconds=0)
 
 
 def test_the_shipped_sequences_are_of_the_scenarios_as_they_are_and_the_best_of_their_finalists() -> None:

@@ -124,20 +124,6 @@ def test_each_scenario_has_its_own_unit_of_advantage() -> None:
     assert buffer.returns[:, 2:].std() > 50.0  # what the critic learns keeps its unit
 
 
-def test_each_scenario_has_its_own_teacher() -> None:
-    recipe = Recipe(scenario="sprint+office", teachers=("office=ppo-clusters", "sprint=orbit"), **SHORT)
-    env = algorithms.make_training(recipe)
-    env.reset()
-    motion, gaze = imitation.Teachers(recipe, env).probabilities(env.observed)
-    np.testing.assert_array_equal(motion[:2], np.tile(np.eye(7)[Motion.RIGHT], (2, 1)))
-    np.testing.assert_array_equal(gaze[:2], np.tile(np.eye(3)[Gaze.LEFT], (2, 1)))
-    own = env.batches[1].unwrapped
-    chosen = agents.load("ppo-clusters", own).predict(env.observed[1])[0]
-    np.testing.assert_array_equal(np.stack([motion[2:].argmax(axis=1), gaze[2:].argmax(axis=1)], axis=1), chosen)
-    np.testing.assert_allclose(motion.sum(axis=1), 1.0, rtol=1e-5)
-    env.close()
-
-
 def test_imitation_learns_what_the_teacher_does_and_what_it_returns(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(imitation, "LAST_UPDATES", 200)
     recipe = Recipe(scenario="sprint", teachers=("sprint=orbit",), imitated_steps=64, **(SHORT | {"num_envs": 8}))

@@ -214,8 +214,11 @@ def test_what_grows_with_the_map_is_one_array_for_each(played: tuple[Any, list[A
         assert getattr(batch, name) == getattr(singles[0], name)
 
 
-@pytest.mark.parametrize("name", [one for one in baselines.names() if one != "best-sequence"])
-@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+@pytest.mark.parametrize(
+    ("name", "mode"),
+    [*((one, AutoresetMode.NEXT_STEP) for one in baselines.names() if one != "best-sequence")]
+    + [(one, AutoresetMode.SAME_STEP) for one in ("sweep", "mi-fisher", "greedy-plus")],
+)
 def test_a_baseline_does_in_a_batch_what_it_does_alone(name: str, mode: AutoresetMode) -> None:
     """Through autoreset; `random` draws for the whole batch, so is only run. `best-sequence` plays a plan, as
     `best-constant` does, and would search for one first."""

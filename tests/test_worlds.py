@@ -13,8 +13,6 @@ from activeslam_gym.config import ANYWHERE, CLUSTERS, CORNER, SURFACES, benchmar
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import row
 from activeslam_gym.motion import motion_of
-from activeslam_gym.slam.filter import Filter
-from activeslam_gym.slam.sight import INSIDE, NEAR
 from activeslam_gym.world import simulator
 from activeslam_gym.world.furniture import first_hits, inside_any, reachable
 from activeslam_gym.world.room import Room, draw_room, varied
@@ -109,51 +107,6 @@ def test_starts_are_where_they_should_be() -> None:
     assert (places[:, [0, 2]].std(axis=0) > 0.8).all() and np.ptp(places[:, 3]) > 0.5
 
 
-def test_varied_fields_are_drawn_within_their_bounds_and_reach_the_run() -> None:
-    env = gym.make("ActiveSLAM-v0", scenario="mixed", gaze_period=0.25)
-    core, sizes, noises = env.unwrapped, [], []
-    for seed in range(6):
-        env.reset(seed=seed)
-        models = core._runs.models[0]
-        sizes.append(2.0 * models.motion.half)
-        noises.append(float(models.camera.pixel_std))
-        np.testing.assert_allclose(models.landmark_var, sizes[-1] ** 2 / 12.0)
-        np.testing.assert_allclose(core._runs.candidate["R"][0, 0], noises[-1] ** 2 * np.eye(2))
-        assert np.abs(core.truth.landmarks).max(axis=0) == pytest.approx(sizes[-1] / 2, abs=0.6)
-    least, greatest = next(bounds for field, *bounds in SCENARIOS["mixed"].varied if field == "pixel_std")
-    assert len(set(noises)) == 6 and least <= min(noises) < max(noises) <= greatest
-    assert (np.array(sizes) >= (5.0, 2.0, 5.0)).all() and (np.array(sizes) <= (8.0, 2.8, 8.0)).all()
-    again = gym.make("ActiveSLAM-v0", scenario="mixed", gaze_period=0.25)
-    again.reset(seed=5)
-    np.testing.assert_array_equal(again.unwrapped.truth.landmarks, core.truth.landmarks)
-    with pytest.raises(ValueError, match=r"varied must be triples \(field, least, greatest\), of the fields room_size"):
-        Scenario(varied=(("landmark_count", 3, 5),))
-    with pytest.raises(ValueError, match="pixel_std must be a positive number"):
-        Scenario(varied=(("pixel_std", -1.0, 5.0),))
-
-
-@pytest.mark.parametrize("name", ["office", "corner", "mixed"])
-def test_a_first_inverse_depth_is_that_of_what_is_seen_in_a_furnished_room(name: str) -> None:
-    """From anywhere: a prior that is nearer than the walls makes every new feature too near, and the way too short."""
-    seen = []
-    for seed in range(30):
-        rng, (scenario, room) = np.random.default_rng(1000 + seed), drawn(name, seed)
-        camera, cosine, z = camera_of(scenario), np.cos(scenario.facing_angle), np.empty(2)
-        pose = np.zeros(7)
-        pose[:3] = rng.uniform(-0.4, 0.4, 3) * np.array(scenario.room_size)
-        heading = rng.uniform(-np.pi, np.pi)
-        pose[[3, 5]] = np.cos(heading / 2), np.sin(heading / 2)
-        if inside_any(pose[None, :3], room.boxes).any():
-            continue
-        view = View(camera, pose, rotation_matrix(pose[3:]), room.boxes)
-        for y, normal in zip(room.landmarks, room.normals):
-            if visible(view, y, 0.0, z) and simulator.faces(normal, y, pose, cosine):
-                seen.append(1.0 / np.linalg.norm(y - pose[:3]))
-    first = SCENARIOS[name]
-    error = (np.array(seen) - first.inverse_depth_mean) / first.inverse_depth_std
-    assert len(error) > 150 and abs(error.mean()) < 0.5 and error.std() < 1.3
-
-
 # What hides and what stops ------------------------------------------------------------------------------------------
 
 
@@ -245,12 +198,6 @@ def test_what_is_too_far_is_not_detected_and_its_absence_tells_nothing() -> None
     points = np.concatenate((near.unwrapped.truth.fiducials, near.unwrapped.truth.landmarks))
     distance = np.linalg.norm(points - near.unwrapped.truth.position, axis=1)
     assert set(seen) == {k for k in all_seen if distance[k] <= 2.0} and len(seen) < len(all_seen)
-
-
-def test_the_absence_of_a_fiducial_that_may_be_too_far_tells_nothing() -> None:
-    fiducials = np.array([[0.1, 0.0, distance] for distance in (1.5, 1.9, 2.5)])
-    near, far = (Filter(Scenario(maximum_distance=d), fiducials=fiducials).sight().point for d in (2.0, None))
-    assert near["visibility"].tolist() == [INSIDE, NEAR, NEAR] and (far["visibility"] == INSIDE).all()
 
 
 def test_clearance_is_observed_where_there_are_boxes_and_nowhere_else() -> None:

@@ -13,7 +13,7 @@ from activeslam_gym.envs.simulation import advance, begin_motion
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.entropy import LOG2_2PIE, gathered, log2_dets, traces
 from activeslam_gym.information.expectation import find_counting
-from activeslam_gym.kernels import borrowing, compiled, row
+from activeslam_gym.kernels import borrowing, compiled, row, uncompiled
 from activeslam_gym.linalg import cholesky_in_place
 from activeslam_gym.metrics import UNSOUND_LOG_SCORE, camera_error, is_lost, log2_density, nees
 from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, QUATERNION
@@ -37,34 +37,31 @@ def play(runs: Run, phases: np.ndarray, commands: np.ndarray, start: int, stop: 
     for i in range(start, stop):
         if phases[i] == REST:
             continue
-        run = run_at(runs, i, covariance)
-        if phases[i] == BEGIN:
+        run, begins = run_at(runs, i, covariance), phases[i] == BEGIN
+        if begins:
             present(run)
-            begin_motion(run, commands[i], math.inf)
-        else:
-            open_step(run, commands[i], math.inf)
-            frames = run.models.task.frames_per_step
-            for frame in range(frames):
-                advance(run, commands[i, 3], frame == frames - 1)
-        evaluate_step(run, phases[i] == BEGIN)
-        observe(run)
+        start_step(run, commands[i], math.inf, begins)
+        frames = 0 if begins else run.models.task.frames_per_step
+        for frame in range(frames):
+            advance(run, commands[i, 3], frame == frames - 1)
+        end_step(run, begins)
         run.estimate.state.whole = stop - start == 1  # the others' covariances wait for `complete`
 
 
 @borrowing
-def open_step(run: Run, command: np.ndarray, reach: float) -> None:
+def start_step(run: Run, command: np.ndarray, reach: float, begins: bool) -> None:
     """Before the frames of a gaze period; the motion is read where its own period begins, see `begin_motion`."""
     episode, events = run.episode, run.episode.events
-    if episode.steps % run.models.task.steps_per_motion == 0:
+    if begins or episode.steps % run.models.task.steps_per_motion == 0:
         begin_motion(run, command, reach)
     events.initialised, events.conversions, events.deletions, events.restarts = 0, 0, 0, 0
     events.rejected_matches, events.wrong_matches, events.false_features, events.wall_contacts = 0, 0, 0, 0
-    episode.steps += 1
+    episode.steps += not begins
 
 
 @compiled
-def evaluate_step(run: Run, begins: bool) -> None:
-    """After the frames: what they were worth, and the range finders where a body may stop the camera."""
+def end_step(run: Run, begins: bool) -> None:
+    """After the frames: evaluate them, measure the clearance where a body may stop the camera, and observe."""
     evaluate(run)
     episode = run.episode
     if begins:  # the prior is worth nothing yet, and a run is lost by a step
@@ -79,6 +76,7 @@ def evaluate_step(run: Run, begins: bool) -> None:
     if run.models.motion.bodies:
         R_WC = rotation_matrix(run.world.state.camera[QUATERNION])
         find_clearance(run.models.motion, run.world, R_WC, FARTHEST_CLEARANCE, run.episode.clearance)
+    observe(run)
 
 
 @borrowing
@@ -111,7 +109,7 @@ def give_registered_reward(name: str, runs: Run, phases: np.ndarray) -> None:
             episode.potential[REGISTERED] = REWARDS.value(name, where, episode.evaluation.copy())
         if phases[i] == STEP:
             episode.terms[REGISTERED] = episode.potential[REGISTERED] - before
-            _give_reward(row(runs, i))
+            uncompiled(_give_reward)(row(runs, i))
 
 
 @compiled

@@ -110,6 +110,11 @@ def observe(run: Run) -> None:
         run.observation[i] = 0.0 if math.isnan(flat[i]) else min(max(flat[i], -1.0), 1.0)
 
 
+def observe_clearance(run: Run) -> None:
+    """Write the range finders again, which `observe` has written."""
+    run.observation[GLOBAL_SIZE : GLOBAL_SIZE + MOTION_COUNT] = run.episode.clearance / FARTHEST_CLEARANCE
+
+
 @compiled
 def _observe_globals(run: Run, out: np.ndarray) -> None:
     """Write the global features into ``out`` (>= G,), unclipped."""

@@ -9,20 +9,20 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from activeslam_gym.envs.episode import BEGIN, REST, evaluate_step, observe, open_step
+from activeslam_gym.envs.episode import BEGIN, REST, end_step, start_step
+from activeslam_gym.envs.observation import observe_clearance
 from activeslam_gym.envs.run import Run, known_boxes, present
 from activeslam_gym.envs.setting import Setting
 from activeslam_gym.envs.simulation import (
     Start,
     account,
-    begin_motion,
     box_scene,
     drive,
     identify,
     sense,
     update_estimate,
 )
-from activeslam_gym.kernels import row
+from activeslam_gym.kernels import row, uncompiled
 from activeslam_gym.motion import POSITION, QUATERNION
 from activeslam_gym.registry import array_of, asked
 from activeslam_gym.sensors.points import PointModel
@@ -92,17 +92,15 @@ def _play_row(run: Run, perception: Any, begins: bool, command: np.ndarray) -> N
     scene, motion, task = perception.scene, run.models.motion, run.models.task
     if begins:
         perception.begin(run)
-        begin_motion(run, command, np.inf)
-    else:
-        reads = scene is not None and run.episode.steps % task.steps_per_motion == 0
-        reach = reach_of_command(scene, motion, run.world, command) if reads else np.inf
-        open_step(run, command, reach)
-        for _ in range(int(task.frames_per_step)):
-            perception.frame(run, *_move(scene, run, command[3]))
-    evaluate_step(run, begins)
+    reads = scene is not None and not begins and run.episode.steps % task.steps_per_motion == 0
+    reach = reach_of_command(scene, motion, run.world, command) if reads else np.inf
+    start_step(run, command, reach, begins)
+    for _ in range(0 if begins else int(task.frames_per_step)):
+        perception.frame(run, *_move(scene, run, command[3]))
+    end_step(run, begins)
     if scene is not None:
         narrow_clearance(scene, motion, run.world, run.episode.clearance)
-    observe(run)
+        observe_clearance(run)
 
 
 def _move(scene: Scene | None, run: Run, gaze: float) -> tuple[np.ndarray, bool]:
@@ -147,7 +145,8 @@ class PluggedPerception:
     def __init__(self, setting: Setting, run: Run, start: Start, seed: np.random.SeedSequence) -> None:
         scenario, self.scene = setting.scenario, start.scene
         self._sensed, self._name = f"the sensor {scenario.sensor!r}", f"the estimator {scenario.estimator!r}"
-        self._dt, boxes, fiducials = scenario.frame_time, known_boxes(run).copy(), run.world.fiducials.copy()
+        boxes, fiducials = uncompiled(known_boxes)(run).copy(), run.world.fiducials.copy()
+        self._dt = scenario.frame_time
         self._sensor: Any = None
         if scenario.sensor == POINTS:
             self.model: Any = PointModel(scenario, boxes)
@@ -217,7 +216,7 @@ class PluggedPerception:
         run.episode.detections = len(values)
         run.candidate["pixel"][: len(values)], run.label[: len(values)] = values[:, :2], labels
         run.candidate["R"][: len(values)] = self._noise[:2, :2]
-        identify(run)
+        uncompiled(identify)(run)
         return values
 
 

@@ -6,9 +6,8 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium.envs.registration import EnvSpec
 
-from activeslam_gym.config import MOST_HELD_FRAMES, plain
+from activeslam_gym.config import MOST_HELD_FRAMES
 from activeslam_gym.envs.context import context_of
 from activeslam_gym.envs.episode import give_registered_reward, play
 from activeslam_gym.envs.identity import Labels, features_of_landmarks, landmark_errors
@@ -85,8 +84,6 @@ def _nees_per_dof(run: Run) -> dict[str, float]:
 class Reads:
     """B runs and what may be read of them: a batch has a leading axis B, a single environment (B = 1) none."""
 
-    _spec: EnvSpec | None = None
-
     def __init__(self, setting: Setting, runs: Run, workers: Workers) -> None:
         task = setting.task
         self.setting, self.scenario = setting, setting.scenario
@@ -107,17 +104,6 @@ class Reads:
         held = min(round((self.scenario.gaze_horizon or 0.0) / self.scenario.frame_time), MOST_HELD_FRAMES)
         self._gaze_plans = candidates.gaze_plans(max(int(task.frames_per_step), held))
         self._joint_plans = candidates.joint_plans(self._motion_frames)
-
-    @property
-    def spec(self) -> EnvSpec | None:
-        """That of `gymnasium.make`, which `to_json` can write whatever numbers of NumPy it was given."""
-        return self._spec
-
-    @spec.setter
-    def spec(self, given: EnvSpec | None) -> None:
-        if given is not None:
-            given.kwargs = plain(given.kwargs, 9)
-        self._spec = given
 
     def _given(self, batch: np.ndarray) -> Any:
         """``batch`` (B, ...) as readers get it."""

@@ -10,6 +10,7 @@ from activeslam_gym.envs.public import public_belief
 from activeslam_gym.envs.run import Run, known_boxes
 from activeslam_gym.envs.setting import Setting
 from activeslam_gym.information.expectation import WAITING
+from activeslam_gym.kernels import uncompiled
 from activeslam_gym.motion import POSITION, Gaze, Motion, nearest_motion
 from activeslam_gym.slam.estimator import COMPILED
 from activeslam_gym.slam.sight import sight_of_belief
@@ -117,7 +118,7 @@ def snapshot_of(setting: Setting, run: Run, gaze: Gaze, history: History, percep
     """
     belief, truth = public_belief(run), truth_of(run.world)
     scenario, episode, image = setting.scenario, run.episode, getattr(perception, "image", None)
-    points = sight_of_belief(run.models.camera, run.ekf, run.world.fiducials, known_boxes(run))
+    points = sight_of_belief(run.models.camera, run.ekf, run.world.fiducials, uncompiled(known_boxes)(run))
     drawn = len(points.point) if scenario.estimator in COMPILED else 0  # another estimator's predictions are its own
     own = 2 * np.arange(drawn)[:, None, None] + np.arange(2)
     return Snapshot(

@@ -14,9 +14,9 @@ from pathlib import Path
 from activeslam_gym import BEHAVIOUR, __version__
 from activeslam_gym.registry import REGISTRIES
 
-LIBRARIES = ("gymnasium", "numba", "numpy", "scipy")  # every result depends on these
-IMAGE_LIBRARIES = ("opencv-python", "opencv-python-headless")  # results from images depend on these too
-LEARNING_LIBRARIES = ("stable-baselines3", "torch")  # and those of learned policies on these
+LIBRARIES = ("gymnasium", "numba", "numpy", "scipy", "opencv-python", "opencv-python-headless")
+LIBRARIES += ("stable-baselines3", "torch")
+"""Results depend on these, those of images and of learned policies on the last ones too."""
 COUNTED = ("activeslam_gym", "baselines")  # packages that are part of every installation
 OURS = (*COUNTED, "agents")
 
@@ -40,10 +40,9 @@ def package_sources(package: str, patterns: tuple[str, ...] = ("*.py", "*.json")
 @cache
 def installation() -> dict[str, str]:
     """What results depend on and has to be the same on every machine of a cluster, by name."""
-    libraries = package_versions((*LIBRARIES, *IMAGE_LIBRARIES, *LEARNING_LIBRARIES))
     ours = {"activeslam-gym": __version__, "BEHAVIOUR": str(BEHAVIOUR)}
     ours |= {f"code of {name}": package_sources(name) for name in COUNTED}
-    return {**ours, "code of agents": package_sources("agents", ("*.py",)), **libraries}
+    return {**ours, "code of agents": package_sources("agents", ("*.py",)), **package_versions(LIBRARIES)}
 
 
 def processor() -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeslam_gym.evaluation import Episode, outcome
-from activeslam_gym.evaluation.code import IMAGE_LIBRARIES, LEARNING_LIBRARIES, LIBRARIES, package_versions
+from activeslam_gym.evaluation.code import LIBRARIES, package_versions
 from activeslam_gym.files import text_of
 from agents import policies, pretrained
 from agents.learn.card import read_card
@@ -25,7 +25,7 @@ from agents.tools.machine import machine
 
 FOLDER, FILE = Path(__file__).with_name("entries"), "entry.json"
 EPISODES = "episodes"  # folder of the store, beside those of entries
-VERSIONS = ("activeslam-gym", *LIBRARIES, *IMAGE_LIBRARIES, *LEARNING_LIBRARIES)
+VERSIONS = ("activeslam-gym", *LIBRARIES)
 COST = ("command", "scenario", "seed", "steps", "seconds", "steps_trained", "seconds_trained", "machine")  # of a card
 TUPLES = ("policies", "contents", "training")
 

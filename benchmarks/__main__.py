@@ -32,15 +32,15 @@ class Args:
     """Measure speed beside peers."""
 
     parts: tuple[Literal["single", "batch", "images", "scores", "peers", "start"], ...] = tuple(PARTS)  # type: ignore
-    """What to measure."""
+    """Parts to measure."""
     quick: bool = False
-    """Small sizes and few repeats, to see that it runs; the figures mean little."""
+    """Use small sizes and few repeats, to see that it runs."""
     out: Path = Path("results/bench")
-    """Folder of `bench.md` and `bench.json`."""
+    """Folder in which bench.md and bench.json are written."""
     report: Path | None = None
-    """A page whose generated section "bench" is regenerated."""
+    """Page in which the generated section bench is rewritten."""
     against: str | None = None
-    """A commit to measure in turn with this checkout; then nothing else is measured (ten minutes)."""
+    """Commit to measure in turn with this checkout, and nothing else (ten minutes)."""
 
 
 def main(args: Args, command: str = "python -m benchmarks") -> int:

@@ -99,4 +99,4 @@ def main(report: Path | None = None) -> None:
 
 
 if __name__ == "__main__":
-    run(lambda: tyro.cli(main))
+    run(lambda: tyro.cli(main, prog="python -m studies.clients"))

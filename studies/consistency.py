@@ -91,13 +91,13 @@ class Args(Study):
 
     section = "consistency"
     policies: tuple[str, ...] = POLICIES
-    """Names of policies."""
+    """Policies, named as for compare."""
     seed: int = 2_000_000
-    """Of the first episode."""
+    """Seed of the first episode."""
     scenario: str = "paper"
-    """A name, or fields as JSON."""
+    """Scenario: a name, or fields as JSON."""
     variants: tuple[Literal["inverse depth", "known association", "depth particles"], ...] = tuple(VARIANTS)  # type: ignore
-    """Of the filter."""
+    """Variants of the filter."""
 
 
 def main(args: Args) -> None:
@@ -114,4 +114,4 @@ def main(args: Args) -> None:
 
 
 if __name__ == "__main__":
-    run(lambda: main(tyro.cli(Args)))
+    run(lambda: main(tyro.cli(Args, prog="python -m studies.consistency")))

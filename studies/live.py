@@ -120,13 +120,13 @@ class Args(Study):
 
     section = "live"
     episodes: int = 3
-    """Of each person."""
+    """Episodes of each simulated person."""
     seed: int = 5_000_000
-    """Of the first room."""
+    """Seed of the first episode."""
     seconds: tuple[float, ...] = (35.0, 167.0)
-    """When persons are compared."""
+    """Times in seconds at which the persons are compared."""
     long: int = 0
-    """Episodes that last to the last of ``seconds``; the others last to the first."""
+    """Number of episodes that last to the last of these times; the others last to the first."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -151,4 +151,4 @@ def main(args: Args) -> None:
 
 
 if __name__ == "__main__":
-    run(lambda: main(tyro.cli(Args)))
+    run(lambda: main(tyro.cli(Args, prog="python -m studies.live")))

@@ -92,7 +92,7 @@ class Args(Study):
 
     section = "paper"
     seconds: float = 167.0
-    """Of an episode at most."""
+    """Longest duration of an episode in seconds."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -134,4 +134,4 @@ def main(args: Args) -> None:
 
 
 if __name__ == "__main__":
-    run(lambda: main(tyro.cli(Args)))
+    run(lambda: main(tyro.cli(Args, prog="python -m studies.paper")))

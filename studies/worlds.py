@@ -64,11 +64,11 @@ class Args(Study):
     """The best open-loop policies and policies that decide, in episodes of each scenario."""
 
     policies: tuple[str, ...] = DECIDING
-    """Policies that decide."""
+    """Policies that decide, named as for compare."""
     open: tuple[str, ...] = OPEN
     """Open-loop policies, of which the best is the reference."""
     scenarios: tuple[str, ...] = SCENARIOS
-    """Names of scenarios."""
+    """Scenarios, by their names."""
     seed: int | None = None  # type: ignore[assignment]
     """Seed of the first episode; that of the scenario's held-out episodes if not given."""
     corners: bool = False
@@ -94,4 +94,4 @@ def main(args: Args) -> None:
 
 
 if __name__ == "__main__":
-    run(lambda: main(tyro.cli(Args)))
+    run(lambda: main(tyro.cli(Args, prog="python -m studies.worlds")))

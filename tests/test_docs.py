@@ -156,8 +156,9 @@ def test_snippet_runs(page: str, code: str, tmp_path: Path, monkeypatch: pytest.
     exec(compile(code, f"<{page}>", "exec", dont_inherit=True), {"__name__": "manual"})
 
 
-def test_the_options_of_every_command_line_of_the_manual_exist() -> None:
+def test_the_options_of_every_command_line_of_the_manual_exist(monkeypatch: pytest.MonkeyPatch) -> None:
     tyro = pytest.importorskip("tyro")
+    monkeypatch.chdir(ROOT)
     text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES).replace("\\\n", " ")
     lines = [
         line for block in re.findall(r"^```bash\n(.*?)^```", text, re.DOTALL | re.M) for line in block.splitlines()
@@ -175,6 +176,8 @@ def test_the_options_of_every_command_line_of_the_manual_exist() -> None:
             tyro.extras.subcommand_cli_from_dict(commands, args=arguments)
         elif module == "activeslam_gym":
             own_command_line.parser().parse_args(arguments)
+        elif module.startswith("studies.") and hasattr(study := importlib.import_module(module), "Args"):
+            tyro.cli(study.Args, args=arguments)
         elif not module.startswith("rl_zoo3"):
             assert importlib.util.find_spec(module), module
     assert len(told) > 40

@@ -6,6 +6,7 @@ is itself imported when something is drawn.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -182,6 +183,7 @@ class EntropyPanel:
         axes.tick_params(labelcolor=TEXT)
         self._axes, over_all = axes, axes.get_xaxis_transform()
         self._marks = _segments(axes, colors=INITIALISED, linewidths=0.8, transform=over_all, zorder=1)
+        self._beside = _segments(axes, colors=MUTED, linewidths=1.0, zorder=2)
         self._curve = _line(axes, color=MAPPED, linewidth=1.6, zorder=3)
         self._now = _line(axes, "o", color=MAPPED, ms=4.5, zorder=4, clip_on=False)
         middle = {"transform": axes.transAxes, "ha": "center", "va": "center"}
@@ -190,8 +192,8 @@ class EntropyPanel:
             axes.set_ylabel("bits", size=8, labelpad=1)
             _legend_above(axes, {"landmark mapped": _key("|", INITIALISED, 8)})
 
-    def update(self, snapshot: Snapshot) -> None:
-        """Moves the curve; the axis of time spans the whole episode, so that frames compare."""
+    def update(self, snapshot: Snapshot, beside: Sequence[tuple[np.ndarray, np.ndarray]] = ()) -> None:
+        """Moves the curve; the axis of time spans the whole episode, so that frames compare. ``beside``: see `draw`."""
         finite = np.isfinite(snapshot.entropy)
         times, entropy = snapshot.times[finite], snapshot.entropy[finite]
         self._curve.set_data(times, entropy)
@@ -201,9 +203,11 @@ class EntropyPanel:
         self._nothing.set_visible(len(entropy) == 0)
         self._axes.yaxis.set_visible(len(entropy) > 0)
         self._title.set_text(f"Entropy   {entropy[-1]:.0f} bits".replace("-", "−") if len(entropy) else "Entropy")
+        self._beside.set_segments([np.column_stack(one)[one[0] <= snapshot.time] for one in beside])
         if len(entropy):
-            pad = 0.08 * max(np.ptp(entropy), 10.0)
-            self._axes.set_ylim(entropy.min() - pad, entropy.max() + pad)
+            shown = np.concatenate([entropy, *(bits[np.isfinite(bits)] for _, bits in beside)])
+            pad = 0.08 * max(np.ptp(shown), 10.0)
+            self._axes.set_ylim(shown.min() - pad, shown.max() + pad)
 
 
 def _line(axes: Any, *marker: str, **style: Any) -> Any:

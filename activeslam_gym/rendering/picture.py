@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from activeslam_gym.rendering.scene import MUTED, TEXT
 if TYPE_CHECKING:
     from activeslam_gym.rendering.scene import Snapshot
 
+Curve = tuple[np.ndarray, np.ndarray]  # times (T,) [s] and entropies (T,) [bit]
 REFERENCE_SIZE = (960, 640)  # pixels at which the lettering has its nominal size; other sizes scale it
 _SMALL_SIZE = (480, 320)  # the same for a small picture, which has fewer words, and larger ones
 _SMALL_BELOW = 720  # a picture of fewer pixels in width is small
@@ -31,13 +33,15 @@ _STYLE = {
 }
 
 
-def draw(snapshot: Snapshot, size: tuple[int, int] = REFERENCE_SIZE) -> np.ndarray:
+def draw(snapshot: Snapshot, size: tuple[int, int] = REFERENCE_SIZE, beside: Sequence[Curve] = ()) -> np.ndarray:
     """The picture of a snapshot, (H, W, 3) uint8, for size = (W, H) in pixels.
+
+    ``beside``: entropies of whole episodes, drawn up to the snapshot's time; they determine the axis of entropy.
 
     Raises gymnasium.error.DependencyNotInstalled where matplotlib is missing.
     """
     picture = _offscreen_picture(int(size[0]), int(size[1]))
-    picture.update(snapshot)
+    picture.update(snapshot, beside)
     picture.figure.canvas.draw()
     return np.asarray(picture.figure.canvas.buffer_rgba())[..., :3].copy()
 
@@ -56,14 +60,14 @@ class Picture:
             self._panels = (
                 MapPanel(figure.add_axes((0.012, 0.115, 0.625, 0.79)), small),
                 ImagePanel(figure.add_axes((0.682, 0.530, 0.295, 0.332)), small),
-                EntropyPanel(figure.add_axes((0.682, 0.135 if small else 0.115, 0.295, 0.255)), small),
             )
+            self._entropy = EntropyPanel(figure.add_axes((0.682, 0.135 if small else 0.115, 0.295, 0.255)), small)
             spacing = 1.0 if small else 1.8
             figure.legend(**map_legend(small), loc="center", bbox_to_anchor=(0.325, 0.062), frameon=False, fontsize=7.5,
                           ncols=4, columnspacing=spacing, handletextpad=0.5, labelspacing=0.55)  # fmt: skip
 
-    def update(self, snapshot: Snapshot) -> None:
-        """Moves every artist to the snapshot; the caller draws the canvas."""
+    def update(self, snapshot: Snapshot, beside: Sequence[Curve] = ()) -> None:
+        """Moves every artist to the snapshot; the caller draws the canvas. ``beside``: see `draw`."""
         error_cm = 100 * np.linalg.norm(snapshot.position - snapshot.true_position)
         mapped = f"{np.count_nonzero(snapshot.mapped)} of {len(snapshot.true_landmarks)}"
         if self._small:
@@ -74,6 +78,7 @@ class Picture:
             self._summary.set_text(f"{mapped} landmarks mapped   ·   position error {error_cm:.1f} cm")
         for panel in self._panels:
             panel.update(snapshot)
+        self._entropy.update(snapshot, beside)
 
 
 def the_matplotlib() -> ModuleType:

@@ -107,9 +107,11 @@ def watch(args: Args) -> Iterator[Path]:
         )
         if args.tum:
             yield from episode.write_trajectories(args.tum, f"{title}-{args.seed}")
-        films.append(film.pictures)
+        films.append(film)
     if args.save:
-        write_animation(args.save, side_by_side(films, list(titles.values())), args.every / args.speed)
+        curves = [film.curve for film in films] if len(films) > 1 else []
+        pictures = side_by_side([film.pictures(curves) for film in films], list(titles.values()))
+        write_animation(args.save, pictures, args.every / args.speed)
         yield args.save
 
 

@@ -1,6 +1,7 @@
 """Pictures of episodes, side by side, as an animation."""
 
 from collections.abc import Sequence
+from copy import deepcopy
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from activeslam_gym import rendering
+from activeslam_gym.envs.snapshot import Snapshot
 from activeslam_gym.files import written_whole
 from activeslam_gym.rendering.scene import TEXT
 from activeslam_gym.vision.film import video_to
@@ -16,24 +18,34 @@ SUFFIXES = (".gif", ".webp", ".png", ".mp4")  # animations, which Pillow writes,
 COLOURS = 64  # of the palette; the pictures are flat
 STRIP_PX = 26  # height of the strip with a name
 LOST = "#D62728"
-"""Colour of the word on a lost run."""
+"""Colour of the word on a lost episode."""
 
 Picture = np.ndarray  # (H, W, 3) uint8
 
 
 class Film:
-    """A picture of an environment every `every` seconds of its time, `width` pixels wide; see `observe`."""
+    """A moment of an environment every `every` seconds of its time, and their pictures, `width` pixels wide."""
 
     def __init__(self, every: float, width: int) -> None:
         self.every = every
         self.size = (width, round(width * rendering.REFERENCE_SIZE[1] / rendering.REFERENCE_SIZE[0]))
-        self.pictures: list[Picture] = []
+        self._moments: list[tuple[Snapshot, bool]] = []  # and whether it is lost then
 
     def observe(self, core: Any, info: dict[str, Any]) -> None:
-        """Take a picture if it is time for one, or the run is lost, which stands under the time."""
-        if core.time >= self.every * len(self.pictures) - 1e-9 or info["lost"]:
-            picture = rendering.draw(core.snapshot(), self.size)
-            self.pictures.append(written(picture, 0.08 * len(picture), "lost", LOST) if info["lost"] else picture)
+        """Keep the moment if it is time for one, or the episode is lost, which stands under the time."""
+        if core.time >= self.every * len(self._moments) - 1e-9 or info["lost"]:
+            self._moments.append((deepcopy(core.snapshot()), info["lost"]))
+
+    @property
+    def curve(self) -> tuple[np.ndarray, np.ndarray]:
+        """Times [s] and entropies [bit] up to the last moment."""
+        last = self._moments[-1][0]
+        return last.times, last.entropy
+
+    def pictures(self, beside: Sequence[tuple[np.ndarray, np.ndarray]] = ()) -> list[Picture]:
+        """The moments as pictures, with the entropies of the films ``beside`` in each (their `curve`)."""
+        drawn = ((rendering.draw(moment, self.size, beside), lost) for moment, lost in self._moments)
+        return [written(one, 0.08 * len(one), "lost", LOST) if lost else one for one, lost in drawn]
 
 
 def written(picture: Picture, top: float, words: str, colour: str) -> Picture:

@@ -14,7 +14,7 @@ from activeslam_gym.information import CRITERIA
 from activeslam_gym.information.candidates import pose_after, propagated
 from activeslam_gym.registry import Registry
 from agents.policies import resolve
-from examples import extend_occluder, extend_policy, extend_sensor
+from examples import extend_policy, extend_sensor
 from tests.support import numerical_sight, python
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -92,19 +92,6 @@ def test_the_filter_finds_what_it_is_handed() -> None:
     errors = np.concatenate((camera_error, points[0] - extend_sensor.UNKNOWN))
     stds = np.sqrt(np.diag(P))[[0, 1, 2, 12, 13, 14]]
     assert (np.abs(errors) < 3.0 * stds).all() and (stds < 0.3).all()
-
-
-def test_a_screen_hides_and_a_planner_reckons_with_one_it_knows() -> None:
-    envs = {name: gym.make("ActiveSLAM-v0", scenario=one) for name, one in extend_occluder.scenarios.items()}
-    seen = {}
-    for name, env in envs.items():
-        env.reset(seed=0)
-        env.step((Motion.STAY, Gaze.STAY))
-        seen[name] = set(env.unwrapped.labels.detected.tolist())
-    hidden = set(extend_occluder.hidden_fiducials(envs["a screen"]))
-    assert hidden and hidden <= seen["no screen"] and not seen["a screen"] & hidden
-    expected = extend_occluder.main()
-    assert expected["a screen"] == expected["no screen"] > expected["a known screen"]
 
 
 def test_the_policy_is_bound_to_one_or_many_and_joins_the_comparison() -> None:

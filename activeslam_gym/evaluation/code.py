@@ -14,8 +14,10 @@ from pathlib import Path
 from activeslam_gym import BEHAVIOUR, __version__
 from activeslam_gym.registry import REGISTRIES
 
-LIBRARIES = ("gymnasium", "numba", "numpy", "scipy", "opencv-python", "opencv-python-headless")
-LIBRARIES += ("stable-baselines3", "torch")
+LIBRARIES = (
+    *("gymnasium", "numba", "numpy", "scipy"),
+    *("opencv-python", "opencv-python-headless", "stable-baselines3", "torch"),
+)
 """Results depend on these, those of images and of learned policies on the last ones too."""
 COUNTED = ("activeslam_gym", "baselines")  # packages that are part of every installation
 OURS = (*COUNTED, "agents")

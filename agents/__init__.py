@@ -1,8 +1,7 @@
 """The top floor: comparisons of policies, and policies that learn. `python -m agents --help` lists the commands.
 
-Every episode is a `task.Task`, which `activeslam_gym.evaluation` plays and keeps. The commands stand on these:
-`compare` (policies in the same rooms), `consistency` (of the filter), `study` and `live` (the paper's
-claims), `train` and `export` (with `learn`), and `watch`. `tools` is shared by all.
+Every episode is a `task.Task`, which `activeslam_gym.evaluation` plays and keeps. On these stand `compare`, `train` and
+`export` (with `learn`), `enter`, `verify` and `leaderboard` (in `suite`), and `watch`. All share `tools`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""From episodes to tables: figures of each policy over rooms, and of policy against policy in the same rooms."""
+"""From episodes to tables: figures of each policy over episodes, and of policy against policy in the same episodes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ LEARNED = (
     Column("lost", "lost, %", "share", 100.0),
 )
 """A single confident error, a landmark taken for another, takes thousands of bits of the log score, so its mean has no
-interval. Median and interquartile mean tell of the usual room, and two shares of the overconfident rooms."""
+interval. Median and interquartile mean tell of the usual episode, and two shares of the overconfident episodes."""
 ERRORS = (
     Column("landmark_rmse", "landmark RMSE, cm", scale=100.0),
     Column("position_error", "position error, cm", scale=100.0),
@@ -38,8 +38,8 @@ PAIRED = (
     Column("landmark_rmse", "RMSE of landmarks mapped by both, cm", scale=100.0),
     *ERRORS[1:],
 )
-"""Of the differences in the same room."""
-Figures = dict[str, Estimate]  # column → figure over rooms
+"""Of the differences in the same episode."""
+Figures = dict[str, Estimate]  # column → figure over episodes
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ def headline(summary: Summary) -> str:
 
 
 def _table(title: str, figures: Mapping[str, Figures], columns: Sequence[Column]) -> Table:
-    """A row per policy, a column per figure, and the number of rooms."""
+    """A row per policy, a column per figure, and the number of episodes."""
     header = ["policy", *(column.heading for column in columns), "episodes"]
     rows = [
         [name, *(one.text(row[one.key]) for one in columns), str(row[columns[0].key].rooms)]
@@ -149,12 +149,12 @@ def _row(run: Episode) -> Row:
 
 
 def _paired(rows: Mapping[int, Row], others: Mapping[int, Row]) -> Figures:
-    """Figures of the differences in the rooms that both policies saw."""
+    """Figures of the differences in the episodes that both policies played."""
     return _figures([_difference(row, others[seed]) for seed, row in rows.items() if seed in others], PAIRED)
 
 
 def _difference(row: Row, other: Row) -> dict[str, float]:
-    """Column → one − other, in one room."""
+    """Column → one − other, in one episode."""
     rmse, other_rmse = paired_rmse(row["landmark_errors"], other["landmark_errors"])
     apart = {one.source: row[one.source] - other[one.source] for one in PAIRED if one.source in row}
     return apart | {"landmark_rmse": rmse - other_rmse, "ahead": float(apart["log_score_gain"] > 0.0)}

@@ -33,7 +33,7 @@ class Task:
     policy: str
     seed: int
     settings: str = "{}"  # arguments of `make_environment`, as JSON: what episodes must share to be compared
-    whole: bool = False  # keep every sample (of the room that is drawn) instead of one a second
+    whole: bool = False  # keep every sample (of the episode that is drawn) instead of one a second
     measures: tuple[type[Measure], ...] = ()  # classes of measures beside the record
 
     def __str__(self) -> str:

@@ -13,7 +13,7 @@ from activeslam_gym.config import ASKED, SCENARIOS, scenario_from
 from agents.tools.files import reading
 from agents.tools.sections import page_with, provenance, put_section
 
-SEEDS = (0, 2**62)  # bounds of a seed: the rooms after it have seeds too
+SEEDS = (0, 2**62)  # bounds of a seed: the episodes after it have seeds too
 NO_NUMBER = ("jobs", "cluster", "out", "store", "report", "resume", "figures")  # arguments that decide no number
 
 

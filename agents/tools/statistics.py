@@ -1,4 +1,4 @@
-"""Estimates over rooms with their intervals. scipy.stats is imported where it is used, since it is slow to load.
+"""Estimates over episodes with their intervals. scipy.stats is imported where it is used, since it is slow to load.
 
 A median and a share have intervals by the binomial distribution, which hold for every distribution of the values. An
 interquartile mean has one by the bootstrap, since it leaves out the tails. A mean has none: a sample without the rare
@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 CONFIDENCE = 0.95
 TAILS = (1.0 - CONFIDENCE) / 2.0, 1.0 - (1.0 - CONFIDENCE) / 2.0  # the quantiles at an interval's ends
 RESAMPLES = 2000  # bootstrap resamples: the ends of a 95 % interval then rest on fifty of them each
-FEWEST = 6  # rooms that an interval of a median needs: of five, all lie on one side of it with a probability of 6 %
-FEW_ROOMS = 20  # with fewer rooms a report says that its intervals are a hint
+FEWEST = 6  # episodes that an interval of a median needs: of five, all lie on one side of it with a probability of 6 %
+FEW_ROOMS = 20  # with fewer episodes a report says that its intervals are a hint
 
-MISSING = "–"  # stands for a figure that no room gave
+MISSING = "–"  # stands for a figure that no episode gave
 LEGEND = (
     f"[ ]: {CONFIDENCE:.0%} interval over episodes: of a share, Clopper and Pearson's; from {FEWEST} episodes on, of a "
     "median by order statistics, of an interquartile mean (IQM, over the middle half) by the bootstrap."
@@ -32,7 +32,7 @@ Statistic = Literal["median", "IQM", "share", "mean"]
 
 @dataclass(frozen=True)
 class Estimate:
-    """A figure over rooms and its interval, which is NaN for a statistic without one and for too few rooms."""
+    """A figure over episodes and its interval, which is NaN for a statistic without one and for too few episodes."""
 
     value: float
     low: float
@@ -50,7 +50,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Column:
-    """A figure over rooms and how it is shown: its title, the factor to the title's unit, the digits after the point.
+    """A figure over episodes and how it is shown: its title, the factor to its unit, the digits after the point.
 
     A key that ends in ``_median`` is another statistic of the column without it.
     """
@@ -67,7 +67,7 @@ class Column:
         return self.key.removesuffix("_median")
 
     def of(self, rows: Iterable[Mapping[str, Any]]) -> Estimate:
-        """The figure over rows, one a room."""
+        """The figure over rows, one an episode."""
         return estimate([row[self.source] for row in rows], self.statistic)
 
     def text(self, figure: Estimate) -> str:
@@ -81,7 +81,7 @@ class Column:
 
 
 def estimate(values: ArrayLike, statistic: Statistic) -> Estimate:
-    """A statistic of `values` (one a room) with its 95 % interval, if it has one; rooms with NaN are left out."""
+    """A statistic of `values` (one an episode) with its 95 % interval, if it has one; NaN are left out."""
     from scipy.stats import binomtest, quantile_test
 
     all_rooms: Array = np.asarray(values, dtype=float)
@@ -100,7 +100,7 @@ def estimate(values: ArrayLike, statistic: Statistic) -> Estimate:
 
 
 def paired_rmse(errors: ArrayLike, others: ArrayLike) -> tuple[float, float]:
-    """RMSE of each of two policies over the landmarks that both mapped in one room; NaN where there are none.
+    """RMSE of each of two policies over the landmarks that both mapped in one episode; NaN where there are none.
 
     errors, others: (L,) m, NaN for a landmark that is not mapped.
     """

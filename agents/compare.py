@@ -80,7 +80,6 @@ def main(args: Args) -> int:
         parts = [replace(args, scenario=(one,), out=args.out / file_name(one)) for one in names]
         check(args.names, [part.environment for part in parts])
         return next((status for part in parts if (status := main(part))), 0)
-    print(f"{args.scenario[0]}: {len(args.names)} policies, {args.episodes} episodes each.")
     summary = compare(args)
     if summary is None:
         print("Interrupted before the first episode was over: nothing to show.")
@@ -103,6 +102,7 @@ def compare(args: Args) -> Summary | None:
         if folder:
             writable_folder(name, folder)
     step_once(args.names, [args.environment], args.seed)
+    print(f"{args.scenario[0]}: {', '.join(args.names)}; {args.episodes} episodes each.", flush=True)
     with alone_in(args.out):
         episodes: list[Episode] = []
         try:

@@ -66,7 +66,7 @@ def test_several_scenarios_are_compared_each_in_a_folder_of_its_name(tmp_path: P
     assert main([*line.split(), "--scenario", "paper", "sprint"]) == 0
     out = capsys.readouterr().out
     for name in ("paper", "sprint"):
-        assert f"{name}: 1 policies" in out and (tmp_path / name / "summary.md").is_file()
+        assert f"{name}: stay; 1 episodes each" in out and (tmp_path / name / "summary.md").is_file()
         assert json.loads((tmp_path / name / "summary.json").read_text())["settings"]["scenario"] == name
 
 

@@ -56,8 +56,8 @@ def main(args: Args) -> int:
             print(f"{path} is of this BEHAVIOUR and these policies already. To play it again, delete it.")
             return 0
         wanted = entries.tasks(names, of, count)
-        print(f"{len(names)} policies, {len(of.scenarios)} scenarios, {count} episodes each: {len(wanted)} episodes.")
         step_once(names, environments, wanted[0].seed)
+        print(f"{len(names)} policies, {len(of.scenarios)} scenarios, {count} episodes each: {len(wanted)} episodes.")
         episodes = play_until_interrupted(wanted, Store(args.out / entries.EPISODES, args.workers))
         if len(episodes) < len(wanted):
             print("Run the same command to continue.")

@@ -82,7 +82,7 @@ def test_a_lost_camera_is_put_back_where_no_map_is_found(under_way, monkeypatch)
     for k in range(20, 26):
         under_way.step(dark, k / 30.0)
 
-    def elsewhere(grey: np.ndarray) -> Belief:
+    def elsewhere(*_: np.ndarray) -> Belief:
         before = under_way.filter.snapshot()
         under_way.filter.place_camera(np.concatenate((pose_at((5.0, 0.0, 0.4)), np.zeros(6))), 0.01 * np.eye(12))
         return before

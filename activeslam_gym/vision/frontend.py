@@ -19,7 +19,7 @@ from activeslam_gym.slam.filter import Filter
 from activeslam_gym.slam.sight import INSIDE
 from activeslam_gym.vision.corners import new_corners
 from activeslam_gym.vision.outcome import DOUBTED, MATCHED, MISSED, NOTHING, FrameLog, Searched
-from activeslam_gym.vision.relocalisation import PRIOR, locate
+from activeslam_gym.vision.relocalisation import PRIOR, drawn_templates, likeliest_corners, locate
 from activeslam_gym.vision.restart import Restart
 from activeslam_gym.vision.search import FOUND, SEARCH, UNSEARCHED, Findings, search
 from activeslam_gym.vision.settings import FrontEndSettings
@@ -30,6 +30,10 @@ from activeslam_gym.vision.views import is_outdated, reduced, speeds, view_from
 Drawn = Callable[[np.ndarray, int], tuple[np.ndarray, np.ndarray]]
 """From a camera's pose (7,) and the number of a fiducial, the picture (h, w) float32 of the target around it, NaN where
 it is unknown, and its pixel (2,); a ValueError: it is not before the camera, or too little is known of it."""
+_AROUND = 3.0
+"""Pixels around a corner in which a lost map is searched."""
+_NEAR = 0.06
+"""Share of the largest area that is searched where the map is lost: its views are sought anywhere."""
 _NEAREST = 3.0
 """What is nearer counts as so many times the scenario's inverse depth."""
 
@@ -44,6 +48,7 @@ class FrontEnd:
         self.settings = (settings or FrontEndSettings()).seen_through(self._focal)
         self._gate = float(filter.models.filter.appearance.search_gate)
         self._model = filled(SEARCH, self.settings, gate=self._gate)
+        self._near = filled(SEARCH, self.settings, gate=self._gate, largest_area=_NEAR * self.settings.largest_area)
         self._prior = filter.expected_inverse_depth
         self._template_map = TemplateMap(self.camera, self.settings, filter.capacity + len(filter.fiducials))
         self._frame, self._time = 0, 0.0
@@ -134,7 +139,7 @@ class FrontEnd:
         self._frame += 1
         dt, self._time = time_s - self._time, time_s
         self.filter.predict(u, dt, self.settings.drift / self._focal)
-        before = self._relocalise(grey) if self._blind >= self.settings.lost_after else None
+        before = self._relocalise(image, grey) if self._blind >= self.settings.lost_after else None
         self._search(grey)
         outcome = self._searched.outcome
         searched, found, matched = len(outcome), int((outcome != MISSED).sum()), int((outcome == MATCHED).sum())
@@ -178,22 +183,20 @@ class FrontEnd:
         s = self.settings
         return matched >= (3 if self._blind < s.lost_after else s.constellation)
 
-    def _relocalise(self, grey: np.ndarray) -> Belief | None:
-        """Seek the map in all of the image, as it looked when it was seen last. The belief before the camera was put
-        where the map is seen from; None: it was not."""
+    def _relocalise(self, image: np.ndarray, grey: np.ndarray) -> Belief | None:
+        """Seek the map at the corners of the ``image``, in ``grey`` float32, as it looked when it was seen last. The
+        belief before the camera was put where the map is seen from; None: it was not."""
         s = self.settings
         if self._blind % s.lost_after or self._last_view is None:
             return None
         ids = self._template_map.ids()
         rows = np.where(ids < 0, -1 - ids, len(self.filter.fiducials) + np.searchsorted(self.filter.ids, ids))
-        points, places, half = (
-            self._points(rows),
-            self._template_map.places(ids),
-            0.5 * np.array((self._width, self._height)),
-        )
-        z_hat, S = np.tile(half, (len(ids), 1)), np.tile(np.diag(2.0 * half**2 / self._gate), (len(ids), 1, 1))
-        view, model = view_from(self.camera, self._last_view), filled(SEARCH, s, gate=self._gate, largest_area=np.inf)
-        found = search(view, model, self._template_map.templates, grey, places, points, z_hat, S)
+        points, places = self._points(rows), self._template_map.places(ids)
+        view, templates = view_from(self.camera, self._last_view), self._template_map.templates
+        which, z_hat = likeliest_corners(image, drawn_templates(view, templates, places, points))
+        ids, points, places = ids[which], points[which], places[which]
+        S = np.tile(_AROUND**2 / self._gate * np.eye(2), (len(ids), 1, 1))
+        found = search(view, self._model, templates, grey, places, points, z_hat, S)
         row, peak = found.candidates
         pose = locate(self.camera, ids[row], points[row], found.pixel[row, peak], s.constellation)
         if pose is None:
@@ -212,7 +215,8 @@ class FrontEnd:
         S, places = sight.S.reshape(len(v), 2, len(v), 2)[v, :, v, :], self._template_map.places(ids)
         places[self._template_map.change_of_view(places, points, mean) > s.most_change] = -1
         view, templates = view_from(self.camera, mean), self._template_map.templates
-        findings = search(view, self._model, templates, grey, places, points, z_hat, S)
+        model = self._model if self._blind < s.lost_after else self._near
+        findings = search(view, model, templates, grey, places, points, z_hat, S)
         tried = findings.state != UNSEARCHED
         self.candidates, least = self._candidates(ids, places, findings), 3 if self._blind >= s.lost_after else 1
         self.candidates["match"] = matched = self.filter.update(self.candidates, jointly=True, least=least)

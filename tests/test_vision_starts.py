@@ -23,7 +23,7 @@ from activeslam_gym.vision.sources import Frame  # noqa: E402
 from activeslam_gym.vision.start import Start  # noqa: E402
 from activeslam_gym.vision.target import CORNERS, FACING, Board, target_from  # noqa: E402
 from activeslam_gym.vision.templates import TEMPLATE_SIDE  # noqa: E402
-from activeslam_gym.vision.track import AT_REST, NARROW, follow, start, summary  # noqa: E402
+from activeslam_gym.vision.track import AT_REST, follow, start, summary  # noqa: E402
 from activeslam_gym.vision.views import projected  # noqa: E402
 
 from .test_vision_sizes import enlarged  # noqa: E402
@@ -217,23 +217,19 @@ def test_a_camera_that_only_turns_in_a_room_stays_where_it_is_and_the_user_is_to
     truth = [rotation_error(state[3:7], states[0, 3:7]) for state in states]
     assert np.abs(np.linalg.norm(turned, axis=1) - np.linalg.norm(truth, axis=1)).max() < np.radians(0.3)
     assert TURNED in summary(done) and AT_REST in summary(done)
-    done.filter.camera.focal = 0.9 * done.filter.camera.width
-    assert NARROW in summary(done)
-    done.filter.camera.focal = 0.6 * done.filter.camera.width
-    assert NARROW not in summary(done)
 
 
 def test_a_track_without_scale_says_so(free, tmp_path, capsys) -> None:
     (tmp_path / "images").mkdir()
-    for k, (_, image) in enumerate(free[:4]):
-        cv2.imwrite(str(tmp_path / "images" / f"{k}.png"), image)
+    for k, (_, image) in enumerate(free[:20]):
+        cv2.imwrite(str(tmp_path / "images" / f"{k:02}.png"), image)
     (tmp_path / "lens.json").write_text(json.dumps(LENS._asdict()))
     given = ["--images", str(tmp_path / "images"), "--calibration", str(tmp_path / "lens.json")]
     assert main(["track", *given, "--out", str(tmp_path)]) == 0
     assert "the scale is free" in capsys.readouterr().out
     lines = (tmp_path / "trajectory.tum").read_text().splitlines()
     assert lines[0].startswith("# no target: the scale is free")
-    assert np.loadtxt(tmp_path / "trajectory.tum").shape == (4, 8)
+    assert np.loadtxt(tmp_path / "trajectory.tum").shape == (20, 8)
     header, *rows = (line.split(",") for line in (tmp_path / "frames.csv").read_text().splitlines())
     assert {row[header.index("metric")] for row in rows} == {"0"}
     assert {row[header.index("start_certain")] for row in rows} == {"1"}

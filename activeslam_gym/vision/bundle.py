@@ -8,7 +8,7 @@ the one in which the mean of rho is `UNIT`: bearings tell of no other.
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 UNIT = 1.5
@@ -67,14 +67,10 @@ class Bundle:
         x = x.in_unit()
         cost, damping = self.cost(x), 1e-3
         for _ in range(rounds):
-            H, g = self.normal_equations(x)
+            blocks = self._blocks(x)
             while damping < 1e6:
-                try:
-                    factor = cho_factor(H + np.diag(damping * np.diag(H) + 1e-9), check_finite=False)
-                    nearer = x.moved(-cho_solve(factor, g, check_finite=False))
-                    below = self.cost(nearer)
-                except np.linalg.LinAlgError:
-                    below = np.inf
+                nearer = x.moved(_step(blocks, damping))
+                below = self.cost(nearer)
                 if below < cost:
                     break
                 damping *= 5.0
@@ -89,8 +85,8 @@ class Bundle:
         """The pose of the second camera of two near the pose ``R_WC`` (3, 3), ``p`` (3,); points are those of ``x``."""
         for _ in range(_POSE_ROUNDS):
             here = Geometry(np.stack((x.R_WC[0], R_WC)), np.stack((x.p[0], p)), x.d, x.rho)
-            H, g = self.normal_equations(here)
-            step = -np.linalg.solve(H[:6, :6] + 1e-9 * np.eye(6), g[:6])
+            (H,), _, _, (g,), _ = self._blocks(here)
+            step = -np.linalg.solve(H + 1e-9 * np.eye(6), g)
             R_WC, p = Rotation.from_rotvec(step[3:]).as_matrix() @ R_WC, p + step[:3]
         return R_WC, p
 
@@ -116,7 +112,18 @@ class Bundle:
 
     def normal_equations(self, x: Geometry) -> tuple[np.ndarray, np.ndarray]:
         """J^T W J and J^T W e in the tangent of ``x``, with the row that fixes the unit."""
-        (K, N), cameras = self.seen.shape, 6 * (len(x.p) - 1)
+        by_camera, both, by_point, g_camera, g_point = self._blocks(x)
+        cameras, N, g = g_camera.size, len(by_point), np.concatenate((g_camera.ravel(), g_point.ravel()))
+        H, unit = np.zeros((len(g),) * 2), np.zeros(len(g))
+        H[:cameras, :cameras], H[cameras:, cameras:] = block_diag(*by_camera), block_diag(*by_point)
+        H[:cameras, cameras:] = both.transpose(0, 2, 1, 3).reshape(cameras, 3 * N)
+        H[cameras:, :cameras] = H[:cameras, cameras:].T
+        unit[cameras + 2 :: 3] = 1.0 / N
+        return H + _GAUGE * np.outer(unit, unit), g + _GAUGE * unit * (x.rho.mean() - UNIT)
+
+    def _blocks(self, x: Geometry) -> tuple[np.ndarray, ...]:
+        """Of J^T W J the blocks of the cameras but the first (K - 1, 6, 6), of both (K - 1, N, 6, 3) and of the points
+        (N, 3, 3); of J^T W e (K - 1, 6) and (N, 3)."""
         e, way, length, z_hat, front = self._residuals(x)
         weight = np.where(self.seen & front, 1.0 / (1.0 + (e**2).sum(axis=-1) / _CAUCHY**2), 0.0)
         # e = B^T q / |q| and q = R^T (d - rho p): de = G^T R^T d(way), G = (I - z z^T) B / |q|
@@ -126,20 +133,19 @@ class Bundle:
         A = np.concatenate((-x.rho[:, None, None] * G, -turn), axis=-1)
         C = np.concatenate((G @ tangents(x.d), -G @ x.p[:, None, :, None]), axis=-1)
         A_w, C_w = (np.swapaxes(weight[..., None, None] * J, -1, -2) for J in (A, C))
-        H, g = np.zeros((cameras + 3 * N,) * 2), np.zeros(cameras + 3 * N)
-        by_camera, both, by_point = (A_w @ A).sum(axis=1), (A_w @ C), (C_w @ C).sum(axis=0)
-        for k in range(1, K):
-            H[6 * k - 6 : 6 * k, 6 * k - 6 : 6 * k] = by_camera[k]
-        H[:cameras, cameras:] = both[1:].transpose(0, 2, 1, 3).reshape(cameras, 3 * N)
-        H[cameras:, :cameras] = H[:cameras, cameras:].T
-        for i in range(3):
-            for j in range(3):
-                np.fill_diagonal(H[cameras + i :: 3, cameras + j :: 3], by_point[:, i, j])
-        g[:cameras] = (A_w @ e[..., None])[..., 0].sum(axis=1)[1:].ravel()
-        g[cameras:] = (C_w @ e[..., None])[..., 0].sum(axis=0).ravel()
-        unit = np.zeros(len(g))
-        unit[cameras + 2 :: 3] = 1.0 / N
-        return H + _GAUGE * np.outer(unit, unit), g + _GAUGE * unit * (x.rho.mean() - UNIT)
+        g_camera, g_point = (A_w @ e[..., None])[..., 0].sum(axis=1), (C_w @ e[..., None])[..., 0].sum(axis=0)
+        return (A_w @ A).sum(axis=1)[1:], (A_w @ C)[1:], (C_w @ C).sum(axis=0), g_camera[1:], g_point
+
+
+def _step(blocks: tuple[np.ndarray, ...], damping: float) -> np.ndarray:
+    """The step of Levenberg and Marquardt's method by `Bundle._blocks`; the points are eliminated first (Schur)."""
+    by_camera, both, by_point, g_camera, g_point = blocks
+    A, C = (H + H * (damping * np.eye(H.shape[-1])) + 1e-9 * np.eye(H.shape[-1]) for H in (by_camera, by_point))
+    n, inverse = 6 * len(A), np.linalg.inv(C)
+    B, BC = (M.transpose(0, 2, 1, 3).reshape(n, -1) for M in (both, both @ inverse))
+    cameras = np.linalg.solve(block_diag(*A) - BC @ B.T, BC @ g_point.ravel() - g_camera.ravel())
+    points = -(inverse @ (g_point.ravel() + cameras @ B).reshape(-1, 3, 1))
+    return np.concatenate((cameras, points.ravel()))
 
 
 def inverse_depths(first: np.ndarray, last: np.ndarray, p: np.ndarray) -> np.ndarray:

@@ -26,11 +26,12 @@ from activeslam_gym.vision.outcome import FrameLog
 from activeslam_gym.vision.sources import Frame
 from activeslam_gym.vision.tracked import FEWEST, MOST_TURNED, SHARED, VELOCITY_IMAGES, Corners
 
-_LATER = 1.12  # growth of the number of images between two attempts
-_FIRST, _ROUNDS = 10, 40  # iterations of each hypothesis, and of those that are near the best
-_NEAR = 3.0  # times the least cost
+_LATER = 1.25  # growth of the number of images between two attempts
+_FEWEST_IMAGES = 5  # of an adjustment: three can agree by chance on a wrong motion
+_FIRST, _ROUNDS = 20, 40  # iterations of each hypothesis, and of those that are near the best
+_NEAR = 10.0  # times the least cost
 _LEAST = 0.2  # deviation of the residuals that counts at least, as a share of PIXEL_STD
-_CLEAR = 5.0  # logarithm of the likelihood ratio of the best and the next hypothesis
+_CLEAR = 10.0  # logarithm of the likelihood ratio of the best and the next hypothesis
 _ALIKE = 0.02, 0.2  # two hypotheses are one where their turns [rad] and their ways, as a share, differ by less
 _POSE = 5  # points that tell a pose
 _KEPT = 0.75  # share of the corners that must fit the start
@@ -41,6 +42,11 @@ _LEAST_VARIANCE = 1e-8  # added to all covariances
 _SHARP = 0.15, 0.25  # deviation of the way, and of the median inverse depth, as shares of them
 _ASTRAY = 3.0  # deviations of its mean residual, from which a corner is left out
 _CORRELATED = 9.0  # growth of the covariance: residuals of a corner are alike in neighbouring images
+_PACE = 3.0  # acceleration's deviation over the speed [1/s]
+_SHARE = 1.0 / 30.0  # of an image in the running means
+_MOST_DELETED = 0.9  # features deleted in an image, as a mean, from which the map is wrong
+_ACCELERATIONS = 0.3, 2.0  # the least and the greatest, in the free unit
+KNOWN = np.radians(1.5)  # deviation of the turn since the start, from which the track is uncertain
 _HELD = 1e9  # images are told without a start, if they have more [bytes]
 Step = tuple[FrontEnd, Frame, FrameLog]
 """A front end after an image, and what was seen in the image."""
@@ -92,11 +98,15 @@ def steps_from_anywhere(
             front_end.filter.attach(belief)
             held = []
     if ending is None:
-        blind = 0  # images in a row without the map, after which new features begin another one
+        filter, square, deleted, consistent = front_end.filter, np.sum(front_end.filter.mean[VELOCITY] ** 2), 0.0, True
         for frame in source:
+            filter.models.motion.filter_acceleration_std = np.clip(_PACE * np.sqrt(square), *_ACCELERATIONS)
             log = front_end.step(frame[1], frame[0])
-            blind = 0 if log.relocalised or (blind <= front_end.settings.trials and not log.lost) else blind + 1
-            yield front_end, frame, log._replace(start_certain=blind <= front_end.settings.trials)
+            square += _SHARE * (np.sum(filter.mean[VELOCITY] ** 2) - square)
+            deleted += _SHARE * (log.deletions - deleted)
+            consistent &= deleted < _MOST_DELETED
+            known = consistent and np.trace(filter.camera_covariance[3:6, 3:6]) < KNOWN**2
+            yield front_end, frame, log._replace(start_certain=bool(known))
     elif not isinstance(ending, StopIteration):
         raise ending
 
@@ -107,7 +117,7 @@ class Start:
     def __init__(self, calibration: Calibration) -> None:
         self.corners = Corners(calibration)
         self._times: list[float] = []
-        self._next = 0
+        self._next, self._certain = 0, list[Opening]()
         self.best: Opening | None = None
         """The likeliest so far; the one that is certain is the start."""
 
@@ -120,13 +130,31 @@ class Start:
         lost = not corners.add(image)
         self._times.append(time)
         if k == corners.since:
-            self.best, self._next = None, 0
+            self.best, self._next, self._certain = None, 0, []
         elif k >= self._next and corners.show_parallax():
             self._next = corners.since + int(_LATER * (k - corners.since)) + 1
-            self.best = _adjusted(corners) or self.best
+            self.best = self._confirmed(_adjusted(corners)) or self.best
         seen, initialised = int(corners.live.sum()), corners.initialised
         counts = (seen, before, seen - initialised, seen - initialised, 0, initialised, before + initialised - seen)
         return FrameLog(time, *counts, not lost, lost, False, False, 1e3 * (thread_time() - began), False)
+
+    def _confirmed(self, opening: Opening | None) -> Opening | None:
+        """The same, and certain only if one of at most half as many images was certain and had the same motion: a few
+        images can agree on a wrong one."""
+        if opening is None or not opening.certain:
+            return opening
+        x, first, half = opening.geometry, int(opening.images[0]), 0.5 * (opening.images[0] + opening.images[-1])
+        R_WC, place = _poses(self.corners, opening)
+        certain = False
+        for images, earlier, *_ in self._certain:
+            i, j = images[0] - first, images[-1] - first
+            if i >= 0 and images[-1] <= half:
+                R, p = R_WC[i].T @ R_WC[j], R_WC[i].T @ (place[j] - place[i])
+                way = np.linalg.norm(earlier.p[-1]) / max(float(np.linalg.norm(p)), 1e-9)
+                ends = np.stack((earlier.R_WC[0], earlier.R_WC[0] @ R)), np.stack((place[0], way * earlier.R_WC[0] @ p))
+                certain |= _alike(Geometry(*ends, x.d, x.rho), earlier)
+        self._certain.append(opening)
+        return opening._replace(certain=certain)
 
     def cameras(self, since: int = 0) -> tuple[np.ndarray, ...]:
         """Of the images from number ``since`` on the cameras (n, 13), at rest, the covariances (n, 6, 6) of position
@@ -209,7 +237,7 @@ def _adjusted(corners: Corners) -> Opening | None:
     """The likeliest motion through some of the images; None, where there is too little to tell one."""
     images = corners.chosen()
     used, z, std = corners.observed(images)
-    if len(images) < 3 or len(used) < FEWEST:
+    if len(images) < _FEWEST_IMAGES or len(used) < FEWEST:
         return None
     bundle = Bundle(z, std)
     tried = _distinct([bundle.fit(x, _FIRST) for x in _hypotheses(corners, images, z)], _NEAR)
@@ -298,7 +326,7 @@ def _two_view_motions(a: np.ndarray, b: np.ndarray) -> list[tuple[np.ndarray, np
     H, _ = cv2.findHomography(x, y, cv2.USAC_MAGSAC, _RANSAC)
     if H is not None:
         _, turns, ways, _ = cv2.decomposeHomographyMat(H, np.eye(3))
-        out += [(R, t.ravel()) for R, t in zip(turns, ways)]
+        out += [(R, t.ravel()) for R, t in zip(turns[::2], ways[::2])]  # those between go the other way
     return [(R.T, -R.T @ t) for R, t in out]
 
 

@@ -8,7 +8,6 @@ Without a target the first camera is the world's origin, X to its right, Y up, Z
 free: lengths are in a unit that only the prior of depth has chosen, and that may drift.
 """
 
-import math
 import signal
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, closing
@@ -58,9 +57,10 @@ UNSCALED = {"inverse_depth_mean": 1.5, "inverse_depth_std": 0.75}
 UNCERTAIN = "the start is uncertain, and with it all poses"
 AT_REST = "the camera was at rest or only turned, or something moved before it"
 SEVERAL = "several motions explain the images"
-NARROW = "with so narrow a lens the start can be wrong although it seems certain: a target tells it"
-_NARROW = math.radians(65.0)  # field of view: of 6 rendered flights 4 were wrong so at 39 degrees, 1 at 62, 0 at 77
-REPLACED = "the map was lost and replaced: the poses after that have an origin and a scale of their own"
+DRIFTED = (
+    "the turn since the start is not known to 1.5 degrees, or the map contradicts the images: "
+    "a narrow lens, a quick motion, or a map that was lost"
+)
 """The words for a track whose motion the images do not tell."""
 Item = TypeVar("Item")
 _CORNER_STD = 0.35  # of the target's corners in the first image: aliasing and the lens [px]
@@ -83,8 +83,8 @@ class Track(NamedTuple):
 
     @property
     def start_certain(self) -> bool:
-        """Whether there was a target, or one motion of the camera explained the images of the start, and the map was
-        not replaced by another since."""
+        """Whether there was a target, or one motion of the camera explained the images of the start, and the turn since
+        then is known at the end."""
         return self.metric or (len(self.logs) > 0 and self.logs[-1].start_certain)
 
     @property
@@ -93,7 +93,7 @@ class Track(NamedTuple):
         if self.start_certain:
             return ""
         if any(log.start_certain for log in self.logs):
-            return REPLACED
+            return DRIFTED
         way, variance = np.ptp(self.cameras[:, :3], axis=0), np.trace(self.covariances[-1, :3, :3])
         return f"{UNCERTAIN}: {AT_REST if way @ way < _SURELY**2 * variance else SEVERAL}"
 
@@ -360,6 +360,4 @@ def summary(done: Track) -> str:
         return line
     way, variance = np.ptp(done.cameras[:, :3], axis=0), np.trace(done.covariances[-1, :3, :3])
     turned = [TURNED] if way @ way < _SURELY**2 * variance else []
-    lens = done.filter.camera
-    narrow = [NARROW] if 2.0 * math.atan(0.5 * lens.width / lens.focal) < _NARROW else []
-    return "; ".join([line, FREE, *turned, *narrow, *filter(None, [done.doubt])])
+    return "; ".join([line, FREE, *turned, *filter(None, [done.doubt])])

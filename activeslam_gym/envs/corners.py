@@ -49,7 +49,7 @@ _MOST = 60  # corners of a level
 
 RULES = record(
     drift="f8", most_change="f8", largest_area="f8", gate="f8", trials="f8", enough="f8",
-    initialised="i8", visible="i8", lost_after="i8", fiducial_blur="f8",
+    initialised="i8", visible="i8", least_visible="i8", lost_after="i8", fiducial_blur="f8",
     fiducial_bias_std="f8", redrawn="f8", feature_bias_std="f8",
 )  # fmt: skip
 """The front end's rules of what is searched, believed, deleted and initialised; see `FrontEndSettings`."""
@@ -257,7 +257,7 @@ def _initialise_features(run: Run, rules: Record, corners: Corners, draws: np.nd
         m = _place(memory, 0)
         if m < 0:
             m = _longest_unseen(memory, frame - rules.lost_after)
-            if m < 0:
+            if m < 0 or in_view + born >= rules.least_visible:
                 break
             remove_id(belief, memory[m].id)
             memory[m].id = 0

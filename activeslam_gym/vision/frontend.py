@@ -311,7 +311,7 @@ class FrontEnd:
         for pixel in new_corners(image, occupied, wanted, TEMPLATE_SIDE, edge + 6, s.least_corner):
             if self._template_map.features >= self.filter.capacity:
                 oldest = self._template_map.longest_unseen(self.filter.ids, self._frame - s.lost_after)
-                if oldest is None:
+                if oldest is None or in_view + count >= s.least_visible:
                     break
                 self._forget(oldest)
             id = self.filter.add_landmark(pixel)

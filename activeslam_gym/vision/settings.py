@@ -47,6 +47,7 @@ class FrontEndSettings:
 
     # New features
     visible: int = 32  # features wanted in view; an eighth is initialised in a frame, where so many are missing
+    least_visible: int = 32  # in a full map, features not seen for longest make room while fewer are in view
     least_corner: float = 4e-4  # least corner strength of an initialisation
     depth_prior: float = 4.0  # mapped features that outweigh the scenario's inverse depth of a new one; inf: none does
     least_depth_spread: float = 1.5  # deviation of that inverse depth, at least so many times its mean
@@ -71,8 +72,8 @@ class FrontEndSettings:
 
 
 SIGHTED = FrontEndSettings(
-    depth_prior=math.inf, visible=24, lens_std=0.0, floor_std=0.015, fiducial_std=0.015, grain=1.5, drift=0.6,
-    fiducial_blur=0.001, fiducial_bias_std=0.025, redrawn=0.1, feature_bias_std=0.2, residual_weight=12.0,
+    depth_prior=math.inf, visible=24, least_visible=8, lens_std=0.0, floor_std=0.015, fiducial_std=0.015, grain=1.5,
+    drift=0.6, fiducial_blur=0.001, fiducial_bias_std=0.025, redrawn=0.1, feature_bias_std=0.2, residual_weight=12.0,
     most_change=0.7, least_score=0.87, most_residual=0.12, probation=1.0,
 )  # fmt: skip
 """The front end of a camera whose lens is known, in a room whose map should hold all of it."""

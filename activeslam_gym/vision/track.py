@@ -56,7 +56,7 @@ UNSCALED = {"inverse_depth_mean": 1.5, "inverse_depth_std": 0.75}
 """The same without a target: the mean only sets the unit. With a wider spread the scale drifts, and the map is lost."""
 UNCERTAIN = "the start is uncertain, and with it all poses"
 AT_REST = "the camera was at rest or only turned, or something moved before it"
-SEVERAL = "several motions explain the images"
+SEVERAL = "several motions explain the images, as always with a lens of less than 50 degrees"
 DRIFTED = (
     "the turn since the start is not known to 1.5 degrees, or the map contradicts the images: "
     "a narrow lens, a quick motion, or a map that was lost"

@@ -72,7 +72,7 @@ class FrontEndSettings:
 
 
 SIGHTED = FrontEndSettings(
-    depth_prior=math.inf, visible=24, least_visible=8, lens_std=0.0, floor_std=0.015, fiducial_std=0.015, grain=1.5,
+    depth_prior=math.inf, visible=24, least_visible=8, lens_std=0.0, floor_std=0.015, fiducial_std=0.025, grain=1.5,
     drift=0.6, fiducial_blur=0.001, fiducial_bias_std=0.025, redrawn=0.1, feature_bias_std=0.2, residual_weight=12.0,
     most_change=0.7, least_score=0.87, most_residual=0.12, probation=1.0,
 )  # fmt: skip

@@ -37,7 +37,7 @@ def check_scene(scenario: Given, seed: int = 0) -> None:
     Raises:
         ValueError: it fails, answers in another form, or breaks a law: two scenes of one seed are equal; a line of
             sight is blocked both ways or none; a body that stops a point blocks the line through it; a sampled point is
-            on a surface, with its normal into free space, and hides itself from nobody.
+            on a surface, with its normal into free space, and is not hidden by its own body.
     """
     of = scenario_from(scenario)
     what, rng = f"the scene {of.scene!r}", np.random.default_rng(seed)
@@ -113,7 +113,7 @@ def check_sensor(scenario: Given, seed: int = 0) -> None:
     _demand(len(squares) > 0, what, f"measured no landmark in {STEPS} steps")
     _demand(denied <= 0.1 * (seen + denied), what, f"measures {denied} of {seen + denied} that visible() denies")
     mean, slack = float(np.mean(squares)) / len(noise), 6.0 * np.sqrt(2.0 / (len(noise) * len(squares)))
-    _demand(abs(mean - 1.0) <= slack + 0.1, what, f"has {mean:.2f} times the noise that its model tells")
+    _demand(abs(mean - 1.0) <= slack + 0.1, what, f"has {mean:.2f} times the noise that its model states")
 
 
 def check_estimator(scenario: Given, seed: int = 0) -> None:

@@ -133,11 +133,16 @@ def surface_points(half: np.ndarray, boxes: np.ndarray, count: int, rng: np.rand
     faces = [(room, axis, side, -1.0) for axis in (0, 2) for side in (0, 1)]
     faces += [(box, axis, side, 1.0) for box in boxes for axis in (0, 2) for side in (0, 1)]
     areas = np.array([(box[1, 1] - box[0, 1]) * (box[1, 2 - axis] - box[0, 2 - axis]) for box, axis, _, _ in faces])
-    chosen = [faces[k] for k in rng.choice(len(faces), count, p=areas / areas.sum())]
-    points, normals = np.array([box[0] + rng.random(3) * (box[1] - box[0]) for box, _, _, _ in chosen]), []
-    for point, (box, axis, side, sign) in zip(points, chosen, strict=True):
-        point[axis] = box[side, axis]
-        normals.append(np.eye(3)[axis] * sign * (1.0 if side else -1.0))
-    before = points + 0.02 * np.array(normals)
+    chosen = rng.choice(len(faces), count, p=areas / areas.sum())
+    of = np.array([box for box, _, _, _ in faces])[chosen]
+    axes, sides, signs = (np.array([face[k] for face in faces])[chosen] for k in (1, 2, 3))
+    points, normals, n = (
+        of[:, 0] + rng.random((count, 3)) * (of[:, 1] - of[:, 0]),
+        np.zeros((count, 3)),
+        np.arange(count),
+    )
+    points[n, axes] = of[n, sides, axes]
+    normals[n, axes] = np.where(sides, signs, -signs)
+    before = points + 0.02 * normals
     shows = ~inside_any(before, boxes) & (np.abs(before) < half).all(axis=1)
     return np.hstack((points, normals))[shows]

@@ -135,7 +135,7 @@ def _landmarks(
     count, half = scenario.landmark_count, 0.5 * np.array(scenario.room_size)
     if scenario.landmark_layout == CLUSTERS:
         centres = uniform_points(scenario, scenario.cluster_count, rng) * 0.9
-    found: list[np.ndarray] = []
+    apart, found = [taken], []
     for _ in range(_BATCHES):
         if scene is not None:
             drawn = np.hstack(scene.sample(count, rng))
@@ -146,18 +146,24 @@ def _landmarks(
             drawn = np.clip(around + scenario.cluster_std * rng.standard_normal((count, 3)), -half, half)
         else:
             drawn = uniform_points(scenario, count, rng)
-        for one in drawn if scenario.has_normals else drawn[~inside_any(drawn, boxes)]:
-            if len(found) < count and _is_apart(one, [*taken, *found], scenario.point_spacing):
-                found.append(one)
+        candidates = drawn if scenario.has_normals else drawn[~inside_any(drawn, boxes)]
+        free = ~_near(candidates, np.concatenate(apart), scenario.point_spacing).any(axis=1)
+        near = _near(candidates, candidates, scenario.point_spacing)
+        for k in range(len(candidates)):
+            if free[k] and len(found) < count:
+                found.append(candidates[k])
+                free &= ~near[k]
         if len(found) == count:
             return np.array(found)
+        apart = [taken, *(point[None, :3] for point in found)]
     crowd = f"its landmarks do not fit in a room, {scenario.point_spacing:g} m apart"
     raise NoRoomError(f"scenario {scenario.name!r}: {crowd}")
 
 
-def _is_apart(point: np.ndarray, others: list[np.ndarray], spacing: float) -> bool:
-    """Whether a ``point`` (>= 3,) is at least ``spacing`` [m] from each of the ``others``."""
-    return spacing == 0.0 or all(math.dist(point[:3], other[:3]) >= spacing for other in others)
+def _near(points: np.ndarray, others: np.ndarray, spacing: float) -> np.ndarray:
+    """(n, m) bool: which of ``points`` (n, >= 3) and ``others`` (m, >= 3) are less than ``spacing`` [m] apart."""
+    offsets = points[:, None, :3] - others[None, :, :3]
+    return np.einsum("ijk,ijk->ij", offsets, offsets) < spacing**2
 
 
 def _draw_place(scenario: Scenario, boxes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -259,6 +265,9 @@ def _in_view(
                 continue
         if scene is not None and scene.blocks(start[POSITION], point[None])[0]:
             continue
-        if visible(view, point, 0.0, z) and _is_apart(point, found, scenario.point_spacing):
+        if (
+            visible(view, point, 0.0, z)
+            and not _near(point[None], np.reshape(found, (-1, 3)), scenario.point_spacing).any()
+        ):
             found.append(point)
     return np.reshape(found, (-1, 3)) if len(found) == scenario.fiducial_count else None

@@ -1,0 +1,99 @@
+"""How much is left: the best of many action sequences, searched in the true room with the true noise.
+
+    python -m studies.upper_reference --scenarios office corner --episodes 32
+
+For each validation episode the cross-entropy method (Rubinstein 1999) searches a sequence of decisions, one a second,
+that maximises the log score on the simulator itself: same room, same noise. No policy that reads observations can know
+these, so the result is an upper reference, not a baseline. The policies play the same episodes.
+"""
+
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import tyro
+
+from activeslam_gym.config import benchmark_seed, scenario_from
+from agents.tools.arguments import command_line
+from agents.tools.files import write_csv
+from agents.tools.sections import table
+from agents.tools.statistics import estimate
+from studies import Study, played, publish, run, settings_of, tasks
+
+SAMPLES, ELITE, GENERATIONS = 64, 8, 12
+RATE = 0.7  # weight of a generation's elite in the new probabilities
+CHOICES = 7, 3  # motions and gazes
+HEADER = ("scenario", "sequences in the true room", "policy", "log score", "share of the reference")
+
+
+def search(env: gym.vector.VectorEnv, seed: int, decisions: int) -> tuple[float, np.ndarray]:
+    """The best log score gain [bit] and its actions (decisions, 2) in the episode of ``seed``.
+
+    All environments of the batch ``env`` play the same episode, each with a sequence of its own.
+    """
+    rng, best, best_actions = np.random.default_rng(seed), -np.inf, np.zeros((decisions, 2), np.int64)
+    probabilities = [np.full((decisions, count), 1.0 / count) for count in CHOICES]
+    for _ in range(GENERATIONS):
+        drawn = [rng.random((env.num_envs, decisions, 1)) > np.cumsum(p, axis=1)[:, :-1] for p in probabilities]
+        actions = np.stack([one.sum(axis=2) for one in drawn], axis=2)
+        scores = play(env, seed, actions)
+        elite = actions[np.argsort(-scores)[:ELITE]]
+        if scores.max() > best:
+            best, best_actions = float(scores.max()), elite[0]
+        for k, p in enumerate(probabilities):
+            shares = (elite[:, :, k, None] == np.arange(CHOICES[k])).mean(axis=0)
+            p += RATE * (shares - p)
+    return best, best_actions
+
+
+def play(env: gym.vector.VectorEnv, seed: int, actions: np.ndarray) -> np.ndarray:
+    """(B,) log score gains [bit] of the sequences ``actions`` (B, decisions, 2), all in the episode of ``seed``."""
+    _, infos = env.reset(seed=[seed] * env.num_envs)
+    begun = infos["log_score"].copy()
+    for k in range(actions.shape[1]):
+        *_, infos = env.step(actions[:, k])
+    return infos["log_score"] - begun
+
+
+@dataclass(frozen=True, kw_only=True)
+class Args(Study):
+    """The best of many action sequences in the true room, beside policies in the same episodes."""
+
+    section = "reference"
+    scenarios: tuple[str, ...] = ("office", "corner")
+    """Scenarios, by their names."""
+    policies: tuple[str, ...] = ("generalist", "greedy-plus", "mi-mi", "best-sequence")
+    """Policies that play the same episodes."""
+    episodes: int = 32
+    """Validation episodes of each scenario."""
+
+
+def main(args: Args) -> None:
+    """Search, play the policies, print the table and write ``reference.csv``."""
+    rows, lines = [], []
+    for name in args.scenarios:
+        first, decisions = benchmark_seed(name, validation=True), round(scenario_from(name).duration)
+        given = {"autoreset_mode": "DISABLED", "gaze_period": 1.0, "end_when_lost": False}
+        with closing(gym.make_vec("ActiveSLAM-v0", num_envs=SAMPLES, scenario=name, **given)) as env:
+            found = [search(env, first + k, decisions)[0] for k in range(args.episodes)]
+        reference = estimate(found, "IQM")
+        groups = {policy: tasks(policy, settings_of(name), first, args.episodes) for policy in args.policies}
+        for policy, episodes in played(groups, args.out, workers=args.workers).items():
+            gains = [one.log_score[-1] - one.log_score[0] for one in episodes]
+            score = estimate(gains, "IQM")
+            share = f"{score.value / reference.value:.2f}"
+            rows.append([f"`{name}`", reference.text(1.0), f"`{policy}`", score.text(1.0), share])
+            pairs = enumerate(zip(found, gains))
+            lines += [
+                {"scenario": name, "policy": policy, "episode": first + k, "reference": a, "score": b}
+                for k, (a, b) in pairs
+            ]
+    if args.out:
+        write_csv(Path(args.out) / "reference.csv", lines)
+    publish(args.report, args.section, table(HEADER, rows), command_line("studies.upper_reference", args))
+
+
+if __name__ == "__main__":
+    run(lambda: main(tyro.cli(Args, prog="python -m studies.upper_reference")))

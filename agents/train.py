@@ -4,7 +4,7 @@ import json
 import math
 from contextlib import ExitStack, closing
 
-from agents.learn.recipe import CHECKPOINT, WEIGHTS, Args
+from agents.learn.recipe import CHECKPOINT, CURVE, WEIGHTS, Args
 from agents.tools.files import alone_in, reading, writable_folder, write_json
 
 ARGUMENTS = "arguments.json"
@@ -15,7 +15,8 @@ def main(args: Args) -> int:
     finished = train(args)
     if not finished:
         print("Interrupted; the same command resumes it.")
-    print(f"Written to {args.out}/: {WEIGHTS} and its card, {CHECKPOINT}, logs (tensorboard --logdir {args.out}/logs)")
+    files = f"{WEIGHTS} and its card, {CURVE} of validation, {CHECKPOINT}"
+    print(f"Written to {args.out}/: {files}, logs (tensorboard --logdir {args.out}/logs)")
     return 0 if finished else 130
 
 
@@ -31,7 +32,6 @@ def train(args: Args) -> bool:
     from agents.episode_log import EpisodeLog
     from agents.learn import algorithms
     from agents.learn.best_weights import BestWeights
-    from agents.learn.imitation import imitate
 
     args.check()
     algorithms.require_device(args.device)
@@ -47,9 +47,6 @@ def train(args: Args) -> bool:
         best_weights = BestWeights(args, learner, rooms)
         try:
             begun = learner.num_timesteps > 0 or math.isfinite(best_weights.best)
-            if args.teachers and not begun:
-                for line in imitate(learner, args, env):
-                    print(line, flush=True)
             left = max(0, args.total_steps - learner.num_timesteps)
             if left or not begun:
                 callbacks = [best_weights, EpisodeLog(write=best_weights.write)]

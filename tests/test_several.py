@@ -1,4 +1,4 @@
-"""One policy for several scenarios: context, common layout, batch of batches, imitation."""
+"""One policy for several scenarios: context, common layout, batch of batches, initial weights."""
 
 import json
 from dataclasses import replace
@@ -18,13 +18,13 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 
 import agents  # noqa: E402
-from agents.learn import algorithms, imitation  # noqa: E402
+from agents.learn import algorithms  # noqa: E402
 from agents.learn.encoder import SetEncoder  # noqa: E402
 from agents.learn.inputs import Inputs, common_size  # noqa: E402
 from agents.learn.recipe import Recipe  # noqa: E402
+from agents.learn.weights import read  # noqa: E402
 from agents.train import Args, train  # noqa: E402
 
-returns = imitation._with_returns
 SHORT: dict[str, Any] = {"duration": 2.0, "num_envs": 2, "width": 16, "warm_start": 0.0}
 STARTS = dict(zip(CONTEXT_FEATURES, np.cumsum([0, *CONTEXT_FEATURES.values()])))
 
@@ -124,30 +124,10 @@ def test_each_scenario_has_its_own_unit_of_advantage() -> None:
     assert buffer.returns[:, 2:].std() > 50.0  # what the critic learns keeps its unit
 
 
-def test_imitation_learns_what_the_teacher_does_and_what_it_returns(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(imitation, "LAST_UPDATES", 200)
-    recipe = Recipe(scenario="sprint", teachers=("sprint=orbit",), imitated_steps=64, **(SHORT | {"num_envs": 8}))
-    env = algorithms.make_training(recipe)
-    learner = algorithms.make_learner(recipe, env, None)
-    before, seen = learner.policy.predict_values(torch.as_tensor(env.reset())), []
-    monkeypatch.setattr(imitation, "_with_returns", lambda *given: seen.append(returns(*given)) or seen[-1])
-    lines = list(imitation.imitate(learner, recipe, env))
-    assert len(lines) == 4 and lines[-1].startswith("64 imitated decisions")
-    observations = torch.as_tensor(env.reset())  # of rooms that were not among them
-    motion, gaze = learner.policy.get_distribution(observations).distribution
-    assert motion.probs[:, Motion.RIGHT].mean() > 0.9 and gaze.probs[:, Gaze.LEFT].mean() > 0.9
-    first = np.concatenate([one[3][:8] for one in seen]).mean()  # return from the start of an episode
-    values = learner.policy.predict_values(observations)
-    assert abs(values.mean().item() - first) < abs(before.mean().item() - first)
-    env.close()
-
-
-def test_weights_of_several_scenarios_act_everywhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(imitation, "LAST_UPDATES", 2)
+def test_weights_of_several_scenarios_act_everywhere(tmp_path: Path) -> None:
     pytest.importorskip("tensorboard")
     small = SHORT | {"period": 8, "validation_episodes": 1, "test_episodes": 1}
-    teachers = ("sprint=stay", "office=stay")
-    train(Args(out=tmp_path, scenario="sprint+office", teachers=teachers, imitated_steps=8, total_steps=8, **small))
+    train(Args(out=tmp_path, scenario="sprint+office", total_steps=8, **small))
     results = json.loads((tmp_path / "policy.json").read_text(encoding="utf-8"))["results"]
     assert results.keys() == {"sprint", "office"} and results["office"]["lost"]["rooms"] == 1
     for name in ("paper", "office", "mixed", "hand-held"):
@@ -158,19 +138,24 @@ def test_weights_of_several_scenarios_act_everywhere(tmp_path: Path, monkeypatch
         np.testing.assert_array_equal(actions[0], action)
 
 
-def test_imitation_alone_is_judged_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(imitation, "LAST_UPDATES", 2)
+def test_training_goes_on_from_weights_of_several_scenarios(tmp_path: Path) -> None:
     pytest.importorskip("tensorboard")
-    given = SHORT | {"validation_episodes": 2, "test_episodes": 0, "teachers": ("sprint=stay",), "imitated_steps": 8}
-    args = Args(out=tmp_path, scenario="sprint", total_steps=0, **given)
+    small = {"period": 8, "validation_episodes": 2, "test_episodes": 0, "width": 96}
+    args = Args(
+        out=tmp_path, scenario="sprint", initial="generalist", learning_rate=1e-12, total_steps=8, **(SHORT | small)
+    )
     with pytest.raises(ValueError, match="device: 'abacus'; allowed on this machine: cpu"):
         train(replace(args, device="abacus"))
+    with pytest.raises(ValueError, match="its network is not that of ppo, width 8"):
+        train(replace(args, width=8))
+    with pytest.raises(ValueError, match="initial: 'nobody'; allowed: generalist"):
+        train(replace(args, initial="nobody"))
     assert train(args)
-    card = json.loads((tmp_path / "policy.json").read_text(encoding="utf-8"))
-    assert card["steps"] == 0 and np.isfinite(card["held_out_return"]) and "in 2 validation episodes" in card["chosen"]
-    before = (tmp_path / "policy.npz").read_bytes()
-    monkeypatch.setattr(imitation, "imitate", lambda *_: pytest.fail("it is imitated already"))
-    assert train(args) and (tmp_path / "policy.npz").read_bytes() == before
+    own, shipped = (read(*name)[0] for name in (("policy", tmp_path), ("generalist",)))
+    for name, values in shipped.items():
+        np.testing.assert_allclose(own[name], values, atol=1e-6)
+    curve = (tmp_path / "curve.csv").read_text(encoding="utf-8").splitlines()
+    assert curve[0].startswith("decisions,") and {line.split(",")[2] for line in curve[1:]} == {"sprint"}
 
 
 @pytest.mark.parametrize(
@@ -178,9 +163,7 @@ def test_imitation_alone_is_judged_once(tmp_path: Path, monkeypatch: pytest.Monk
     [
         ({"scenario": "sprint", "total_steps": 0}, "total_steps: 0"),
         ({"scenario": "sprint+nowhere"}, "nowhere"),
-        ({"scenario": "sprint+office", "teachers": ("sprint=stay",)}, "scenario=policy for each of sprint, office"),
-        ({"scenario": "sprint", "teachers": ("stay",)}, "teachers: 'stay' for ppo"),
-        ({"scenario": "sprint", "teachers": ("sprint=stay",), "algorithm": "dqn"}, "allowed: ppo or a2c"),
+        ({"scenario": "sprint", "initial": "generalist", "algorithm": "dqn"}, "allowed: ppo or a2c"),
     ],
 )
 def test_bad_recipes_are_refused(given: dict[str, Any], message: str) -> None:

@@ -74,8 +74,8 @@ def test_shipped_weights_were_trained_with_what_there_is_now_or_measured_beside_
         of_its_own = ["reward", "scenario", "seed", "total_steps", "risk_weight"]
         if recipe.scenario != "paper":  # where no course is right in every room, a warm start hurts: docs/policies.md
             of_its_own += ["warm_start", "entropy_bonus"]
-        if recipe.teachers:  # one policy for all scenarios
-            of_its_own += ["teachers", "imitated_steps", "num_envs", "width", "learning_rate", "target_kl"]
+        if recipe.initial:  # one policy for all scenarios
+            of_its_own += ["initial", "num_envs", "width", "learning_rate", "target_kl"]
         changed = {field: getattr(recipe, field) for field in of_its_own} | (OLDER if card["behaviour"] <= 4 else {})
         assert recipe == Recipe(**changed), "the command's defaults make other weights"
         assert card["command"].startswith("python -m agents train ")

@@ -21,9 +21,10 @@ from activeslam_gym import observation_layout
 from activeslam_gym.config import TRAINING_SEED, benchmark_seed
 from activeslam_gym.files import written_whole
 from activeslam_gym.motion import CAMERA_DIM
+from agents import pretrained
 from agents.learn.recipe import Recipe, scenario_of, trained_scenario
 from agents.learn.several import SeveralScenarios
-from agents.learn.weights import policy_arguments, require_finite
+from agents.learn.weights import policy_arguments, read, require_finite
 from agents.sb3_vec_env import Actions, ActiveSLAMVecEnv, ScaledReward
 from agents.tools.files import reading
 from baselines.sequences import best_sequence
@@ -49,11 +50,11 @@ def held_out_seed(scenario: str) -> int:
 
 
 def make_training(recipe: Recipe) -> VecEnv:
-    """What is trained in: a batch, or one of several scenarios. Its rewards are clipped and scaled, its episodes
-    recorded as they are."""
+    """What is trained in: a batch of one scenario, or the batches of several in their common layout, which initial
+    weights have too. Rewards are clipped and scaled, episodes recorded as they are."""
     threads = None if len(recipe.scenarios) == 1 else 1
     batches = [_make_batch(recipe, name, recipe.num_envs, threads) for name in recipe.scenarios]
-    env = batches[0] if len(batches) == 1 else SeveralScenarios(batches, _most_tokens(batches))
+    env = SeveralScenarios(batches, _most_tokens(batches)) if _common_layout(recipe) else batches[0]
     env.seed(training_seed(recipe))
     return env
 
@@ -61,10 +62,14 @@ def make_training(recipe: Recipe) -> VecEnv:
 def make_held_out(recipe: Recipe, rooms: int) -> dict[str, VecEnv]:
     """Of each scenario a batch of ``rooms`` that choose the best weights, observed as those of `make_training`."""
     batches = {name: _make_batch(recipe, name, rooms) for name in recipe.scenarios}
-    if len(batches) == 1:
+    if not _common_layout(recipe):
         return dict(batches)
     tokens = _most_tokens(batches.values())
     return {name: SeveralScenarios([batch], tokens) for name, batch in batches.items()}
+
+
+def _common_layout(recipe: Recipe) -> bool:
+    return len(recipe.scenarios) > 1 or bool(recipe.initial)
 
 
 def dimensions(scenario: str) -> int:
@@ -145,16 +150,31 @@ def make_learner(recipe: Recipe, env: VecEnv, logs: Path | None, device: str = "
         env,
         learning_rate=lambda left: recipe.learning_rate * max(left, LAST_RATE),
         gamma=recipe.gamma,
-        policy_kwargs=policy_arguments(env.layout if several else observation_layout(env.unwrapped), recipe.width),
+        policy_kwargs=policy_arguments(getattr(env, "layout", None) or observation_layout(env.unwrapped), recipe.width),
         tensorboard_log=str(logs) if logs else None,
         seed=recipe.seed,
         device=device,
         **own[recipe.algorithm],
     )
     env.seed(training_seed(recipe))  # SB3 has set the learner's own
-    if recipe.warm_start and recipe.algorithm not in ACTIONS and not several:
+    if recipe.warm_start and recipe.algorithm not in ACTIONS and not _common_layout(recipe):
         _prefer(learner, best_sequence(env.unwrapped).longest(), recipe.warm_start)
     return learner
+
+
+def _set_weights(learner: Any, recipe: Recipe) -> None:
+    """Give a new learner the recipe's initial weights. Raises ValueError where there are none, or they do not fit."""
+    path = pretrained.path_of(recipe.initial)
+    if path is None:
+        allowed = ", ".join([*pretrained.names(), "or a file of weights, policy.npz"])
+        raise ValueError(f"initial: {recipe.initial!r}; allowed: {allowed}")
+    weights, card = read(path.stem, path.parent)
+    try:
+        learner.policy.load_state_dict({name: torch.as_tensor(value) for name, value in weights.items()})
+    except RuntimeError as error:
+        own = f"{recipe.algorithm}, width {recipe.width}"
+        theirs = f"{card['algorithm']}, width {card['width']}, in {card['scenario']}"
+        raise ValueError(f"initial: {recipe.initial!r} is of {theirs}; its network is not that of {own}") from error
 
 
 def _prefer(learner: Any, action: tuple[int, int], probability: float) -> None:
@@ -187,11 +207,14 @@ def learner_of(weights: Mapping[str, np.ndarray], card: Mapping[str, Any]) -> An
 def learner_in(recipe: Recipe, env: VecEnv, checkpoint: Path, logs: Path, device: str = "cpu") -> Any:
     """A learner with the weights, the optimiser and the counts of a checkpoint, in rooms that it has not yet seen.
 
-    Without a checkpoint it is new. Of the file, tensors and plain numbers are read, never a pickle:
-    `BaseAlgorithm.load` would run its code. Raises ValueError for a damaged file, or one of another learner.
+    Without a checkpoint it is new, or has the recipe's initial weights. Of the file, tensors and numbers are read,
+    never a pickle: `BaseAlgorithm.load` would run its code. Raises ValueError for a damaged file, or one of another
+    learner, and for initial weights that do not fit.
     """
     learner = make_learner(recipe, env, logs, device)
     if not checkpoint.exists():
+        if recipe.initial:
+            _set_weights(learner, recipe)
         return learner
     with reading(checkpoint), ZipFile(checkpoint) as archive:
         kept = json.loads(archive.read("data"))

@@ -18,10 +18,11 @@ from activeslam_gym.evaluation import Store
 from agents import task
 from agents.learn.algorithms import dimensions, held_out_seed, save_learner
 from agents.learn.card import FLOOR, card_of, read_card
-from agents.learn.recipe import CHECKPOINT, WEIGHTS, Args, Recipe, trained_scenario
+from agents.learn.recipe import CHECKPOINT, CURVE, WEIGHTS, Args, Recipe, trained_scenario
 from agents.learn.weights import save
 from agents.summary import Summary, summarise, text
 from agents.tools.files import write_json
+from agents.tools.statistics import interquartile_mean
 
 REFERENCES = ("best-constant", "mi-constant", "mi-fisher")
 """An open-loop policy and two greedy strategies: a learned policy is worth its training if it beats them."""
@@ -106,8 +107,8 @@ class BestWeights(BaseCallback):
         left = -(-(self.args.total_steps - self.num_timesteps) // rollout) * rollout
         total = self.num_timesteps + left
         self.bar = tqdm(total=total, initial=self.num_timesteps, unit="decision", unit_scale=True)
-        if self.args.teachers and not self.num_timesteps:
-            self._visit()  # what imitation has reached may be the best
+        if self.args.initial and not self.num_timesteps:
+            self._visit()  # the initial weights may be the best
 
     def _on_step(self) -> bool:
         if self.num_timesteps % self.args.period < self.training_env.num_envs:
@@ -121,22 +122,23 @@ class BestWeights(BaseCallback):
             self._visit()
 
     def _visit(self) -> None:
-        """Play the validation episodes, and keep the weights if they are the best so far."""
-        lost: list[bool] = []
-        lost_penalties: list[float] = []
-
-        def note(locals_: dict[str, Any], globals_: dict[str, Any]) -> None:
-            if locals_["done"]:
-                lost.append(locals_["info"]["lost"])
-                lost_penalties.append(locals_["info"]["reward_terms"]["lost_penalty"])
-
-        self.visited, means, again = self.num_timesteps, {}, self.args.forfeit_weight - 1.0
+        """Play the validation episodes, keep the weights if they are the best so far, and add rows to the curve."""
+        self.visited, means, failed = self.num_timesteps, {}, []
         for name, batch in self.rooms.items():
-            rooms = batch.num_envs
+            infos: list[dict[str, Any]] = []
+
+            def note(locals_: dict[str, Any], globals_: dict[str, Any], ended: list[dict[str, Any]] = infos) -> None:
+                if locals_["done"]:
+                    ended.append(locals_["info"])
+
             batch.seed(held_out_seed(name))
-            returns, _ = evaluate_policy(self.model, batch, rooms, callback=note, return_episode_rewards=True)
+            returns, _ = evaluate_policy(self.model, batch, batch.num_envs, callback=note, return_episode_rewards=True)
+            penalties = np.array([info["reward_terms"]["lost_penalty"] for info in infos])
+            means[name] = float(np.mean(np.maximum(returns, FLOOR) + (self.args.forfeit_weight - 1.0) * penalties))
+            scores = np.array([info["log_score"] for info in infos])
+            failed.append(float(np.mean([info["lost"] or info["log_score"] < 0.0 for info in infos])))
+            self._add_to_curve(name, float(interquartile_mean(scores)), failed[-1])
             self.logger.record(f"eval/{name}/mean_reward", float(np.mean(returns)))
-            means[name] = float(np.mean(np.maximum(returns, FLOOR) + again * np.array(lost_penalties[-rooms:])))
         several = len(means) > 1
         units = [dimensions(name) / dimensions("paper") if several else 1.0 for name in means]
         found = float(np.mean(np.array(list(means.values())) / units))
@@ -146,9 +148,22 @@ class BestWeights(BaseCallback):
             self.best = found
             self.keep(found)
         each = ", ".join(f"{name} {mean:.0f}" for name, mean in means.items())
-        more = f" ({each})" if several else f", median {np.median(returns):.0f}"
-        message = f"mean return {found:.0f}{more}, lost in {100 * np.mean(lost):.0f} %"
+        message = f"mean return {found:.0f}{f' ({each})' if several else ''}, failures {100 * np.mean(failed):.0f} %"
         self.bar.write(f"{self.num_timesteps:>9,} decisions: validation: {message}{'; kept' if better else ''}")
+
+    def _add_to_curve(self, scenario: str, log_score: float, failures: float) -> None:
+        """Add a row of validation to `CURVE`: the interquartile mean of the log score [bit] and the share of failures.
+
+        The policy's own entropy [nat] is that of the last update, for learners that log it.
+        """
+        path, entropy = self.args.out / CURVE, self.logger.name_to_value.get("train/entropy_loss", math.nan)
+        new = not path.exists()
+        with path.open("a", encoding="utf-8") as file:
+            if new:
+                file.write("decisions,seconds,scenario,episodes,log_score,failures,policy_entropy\n")
+            episodes = self.rooms[scenario].num_envs
+            row = self.num_timesteps, round(self.seconds()), scenario, episodes, f"{log_score:.1f}", f"{failures:.4f}"
+            file.write(",".join(map(str, (*row, f"{-entropy:.3f}"))) + "\n")
 
 
 def results(

@@ -10,7 +10,7 @@ from activeslam_gym.config import IMAGE_SCENARIOS, SCENARIOS, Scenario, scenario
 from agents.tools.arguments import made_scenario, positive, scenario_argument, within
 
 Algorithm = Literal["ppo", "a2c", "dqn", "sac"]
-CHECKPOINT, WEIGHTS = "checkpoint.zip", "policy.npz"  # files of a training
+CHECKPOINT, WEIGHTS, CURVE = "checkpoint.zip", "policy.npz", "curve.csv"  # files of a training
 EVERY = "all"
 REPLICATIONS = ("paper-literal", "paper-2006")
 """Named scenarios that are not among all: they repeat the paper's numbers."""
@@ -41,12 +41,10 @@ class Recipe:
     warm_start: float = 0.8
     """Probability at the start of the action that the scenario's best sequence holds longest (PPO and A2C in one
     scenario; 0 prefers none)."""
-    teachers: tuple[str, ...] = ()
-    """Policies to imitate before learning by reward, as scenario=policy for each scenario (PPO, A2C)."""
-    imitated_steps: int = 40_000
-    """Decisions of imitation before those of learning."""
+    initial: str = ""
+    """Weights to start from: generalist, or a file policy.npz of the same width (PPO and A2C)."""
     total_steps: int = 100_000
-    """Decisions of learning by reward, rounded up to whole rollouts; 0 with teachers is imitation alone."""
+    """Decisions of training, rounded up to whole rollouts."""
     decision_period: float = 1.0
     """Seconds between decisions, which is the environment's gaze_period."""
     duration: float | None = None
@@ -79,8 +77,7 @@ class Recipe:
     @classmethod
     def of(cls, card: Mapping[str, Any]) -> "Recipe":
         """The recipe on a card; what the card does not name was not yet there, and is at its default."""
-        named = {field.name: card[field.name] for field in fields(Recipe) if field.name in card}
-        return Recipe(**(named | {"teachers": tuple(card.get("teachers", ()))}))
+        return Recipe(**{field.name: card[field.name] for field in fields(Recipe) if field.name in card})
 
     def check(self) -> None:
         """Raises ValueError for a bad argument; the message names it, its value and what is allowed."""
@@ -93,13 +90,12 @@ class Recipe:
         positive(self, "learning_rate", "reward_scale", "reward_clip", "forfeit_weight", "target_kl")
         within(self, risk_weight=(0.0, 1e6))
         within(self, gamma=(0.0, 1.0), learning_rate=(0.0, 1.0), entropy_bonus=(0.0, 1e3), seed=(0, 2**31 - 1))
-        within(self, total_steps=(0 if self.teachers else 1, 2**40), imitated_steps=(1, 2**40), epochs=(1, 1000))
+        within(self, total_steps=(1, 2**40), epochs=(1, 1000))
         within(self, num_envs=(1, 2**16), width=(1, 2**13))
         if self.algorithm == "ppo" and self.steps_per_episode * self.num_envs == 1:
             raise ValueError(f"num_envs: {self.num_envs} with one decision an episode; allowed: 2 or more of them")
-        if self.teachers and (self.algorithm in ("dqn", "sac") or self.teacher_of.keys() != set(self.scenarios)):
-            given, allowed = " ".join(self.teachers), f"scenario=policy for each of {', '.join(self.scenarios)}"
-            raise ValueError(f"teachers: {given!r} for {self.algorithm}; allowed: ppo or a2c, and {allowed}")
+        if self.initial and self.algorithm in ("dqn", "sac"):
+            raise ValueError(f"initial: {self.initial!r} for {self.algorithm}; allowed: ppo or a2c")
         if self.algorithm not in ALGORITHMS:
             raise ValueError(f"algorithm: {self.algorithm!r}; allowed: {', '.join(ALGORITHMS)}")
 
@@ -108,12 +104,6 @@ class Recipe:
         """Names of the scenarios."""
         every = tuple(name for name in SCENARIOS if name not in REPLICATIONS)
         return every if self.scenario == EVERY else tuple(self.scenario.split("+"))
-
-    @property
-    def teacher_of(self) -> dict[str, str]:
-        """Of each scenario the name of its teacher."""
-        pairs = (one.partition("=") for one in self.teachers)
-        return {scenario: policy for scenario, _, policy in pairs if policy}
 
     @property
     def steps_per_episode(self) -> int:
@@ -144,5 +134,4 @@ class Args(Recipe):
 
     def recipe(self) -> dict[str, Any]:
         """The arguments that determine a training, as they stand in a file."""
-        arguments = {field.name: getattr(self, field.name) for field in fields(Recipe)}
-        return arguments | {"teachers": list(self.teachers)}
+        return {field.name: getattr(self, field.name) for field in fields(Recipe)}

@@ -1,0 +1,108 @@
+"""Learning curves: log score and failures in validation episodes against decisions, of trainings by `agents train`.
+
+    python -m agents train --scenario office --seed 0 --out results/curves/ppo-0
+    python -m studies.learning results/curves/ppo-? --policies greedy-plus mi-mi generalist
+
+Folders that differ in the last part of their name, after "-", are seeds of one curve. Each scenario has a panel. The
+policies play the validation episodes once, and stand as lines.
+"""
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+
+from activeslam_gym.config import benchmark_seed
+from agents.figures import grid_of_panels, legend_below, save_figure
+from agents.learn.recipe import CURVE
+from agents.tools.arguments import command_line
+from agents.tools.files import reading
+from agents.tools.sections import table
+from agents.tools.statistics import Estimate, estimate
+from studies import Study, played, publish, run, settings_of, tasks
+
+HEADER = ("scenario", "learner", "seeds", "decisions to reach the best policy", "log score at the end", "failures, %")
+Curves = Mapping[str, Mapping[str, list[np.ndarray]]]
+"""By scenario and learner: of each seed (n, 3) decisions, log score [bit] and share of failures."""
+
+
+def read_curves(folders: Sequence[Path]) -> Curves:
+    """The curves in folders of trainings. Raises ValueError where one has none."""
+    curves: dict[str, dict[str, list[np.ndarray]]] = {}
+    for folder in folders:
+        with reading(folder / CURVE), (folder / CURVE).open(newline="") as file:
+            rows = list(csv.DictReader(file))
+        for scenario in dict.fromkeys(row["scenario"] for row in rows):
+            own = [row for row in rows if row["scenario"] == scenario]
+            values = [[float(row[key]) for key in ("decisions", "log_score", "failures")] for row in own]
+            curves.setdefault(scenario, {}).setdefault(folder.name.rpartition("-")[0] or folder.name, []).append(
+                np.array(values)
+            )
+    return curves
+
+
+def rows_of(curves: Curves, policies: Mapping[str, Mapping[str, Estimate]]) -> list[list[str]]:
+    """Rows of the table: seeds in the median, and their range."""
+    rows = []
+    for scenario, learners in curves.items():
+        best = max(one.value for one in policies[scenario].values())
+        for learner, seeds in learners.items():
+            reached = [next((int(n) for n, score, _ in one if score >= best), None) for one in seeds]
+            known = [one for one in reached if one is not None]
+            when = f"{np.median(known):,.0f}" if len(known) == len(seeds) else f"{len(known)} of {len(seeds)} seeds do"
+            ends, failed = (np.array([one[-1, k] for one in seeds]) for k in (1, 2))
+            span = f"{np.median(ends):.0f} [{ends.min():.0f}, {ends.max():.0f}]"
+            rows.append([f"`{scenario}`", learner, str(len(seeds)), when, span, f"{100.0 * failed.mean():.1f}"])
+    return rows
+
+
+def draw(curves: Curves, policies: Mapping[str, Mapping[str, Estimate]], path: Path) -> None:
+    """A panel for each scenario: the seeds of each learner, and the policies as lines."""
+    figure, grid = grid_of_panels(1, len(curves), (4.0, 3.0), sharey=False)
+    for axes, (scenario, learners) in zip(grid[0], curves.items()):
+        for k, (learner, seeds) in enumerate(learners.items()):
+            for j, one in enumerate(seeds):
+                axes.plot(one[:, 0], one[:, 1], color=f"C{k}", linewidth=1.2, label=None if j else learner)
+        for style, (policy, score) in zip(("--", ":", "-.", (0, (1, 4))), policies[scenario].items()):
+            axes.axhline(score.value, color="0.4", linestyle=style, linewidth=1.0, label=policy)
+        axes.set(title=scenario, xlabel="decisions", ylabel="log score [bit], validation")
+    legend_below(figure, grid[0, :1])
+    save_figure(figure, path)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Args(Study):
+    """Learning curves of trainings, beside policies in the same validation episodes."""
+
+    folders: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Folders of `agents train`."""
+    section = "learning"
+    policies: tuple[str, ...] = ("greedy-plus", "mi-mi", "best-sequence", "generalist")
+    """Policies that play the validation episodes too."""
+    episodes: int = 64
+    """Validation episodes of the policies."""
+
+
+def main(args: Args) -> None:
+    """Read the curves, play the policies, print the table and draw the figure."""
+    curves = read_curves(args.folders)
+    policies: dict[str, dict[str, Estimate]] = {}
+    for scenario in curves:
+        given: dict[str, Any] = {name: settings_of(scenario) for name in args.policies}
+        seed = benchmark_seed(scenario, validation=True)
+        groups = {name: tasks(name, settings, seed, args.episodes) for name, settings in given.items()}
+        found = played(groups, args.out, workers=args.workers)
+        policies[scenario] = {
+            name: estimate([one.log_score[-1] - one.log_score[0] for one in own], "IQM") for name, own in found.items()
+        }
+    place = args.report.parent / "images" if args.report else args.out or Path("results")
+    draw(curves, policies, place / "learning.png")
+    publish(args.report, args.section, table(HEADER, rows_of(curves, policies)), command_line("studies.learning", args))
+
+
+if __name__ == "__main__":
+    run(lambda: main(tyro.cli(Args, prog="python -m studies.learning")))

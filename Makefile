@@ -28,7 +28,7 @@ consistency: $(VENV)/.demo ## is the filter consistent? 100 episodes of each pol
 
 consistency leaderboard results figures advice: $(if $(CLUSTER),$(VENV)/.cluster)
 
-# SUITE: that the leaderboard shows; v1 is of an older BEHAVIOUR. EPISODES: episodes of each study, for a trial; without bench and client-figures.
+# SUITE: that the leaderboard shows; v1 is of an older BEHAVIOUR. EPISODES: episodes of each study, for a trial; without bench.
 SUITE    := development
 ENTRIES  := best-constant best-sequence sweep orbit random stay mi-mi mi-fisher joint-mi greedy-plus
 BOARD    := $(if $(EPISODES)$(filter development,$(SUITE)),results/entries,agents/suite/entries)
@@ -62,7 +62,7 @@ leaderboard: $(VENV)/.agents $(VENV)/.advice ## play the test episodes of the su
 results: leaderboard ## every generated section of the pages and its pictures, at one commit (hours; the same command goes on)
 	$(RUN) -m agents compare --policies $(POLICIES) --reference best-constant --episodes $(or $(EPISODES),200) --out results/compare --report RESULTS.md --resume $(ON)
 	$(RUN) -m docs.tables
-	$(MAKE) consistency figures $(if $(EPISODES),,bench client-figures)
+	$(MAKE) consistency figures $(if $(EPISODES),,bench)
 
 figures: $(VENV)/.advice ## the paper's claims and figures, and the live system (an hour or more): docs
 	$(RUN) -m studies.paper --episodes $(or $(EPISODES),100) --jobs $(WORKERS) $(ON) --out results/paper --report docs/paper.md
@@ -96,13 +96,17 @@ test-newest: ## the same with the newest releases and Python 3.14 or 3.13, if in
 test-oldest test-newest: test-%: .venvs/%/.made
 	OMP_NUM_THREADS=1 .venvs/$*/bin/python -m pytest -n $(WORKERS) --dist worksteal tests
 
+ALONE := OMP_NUM_THREADS=1
+
 clients: $(CLIENTS:%=client-%) ## other people's learners, each in an environment under .venvs (minutes; client-sb3: one)
 
 $(CLIENTS:%=client-%): client-%: .venvs/%/.made
 	OMP_NUM_THREADS=1 .venvs/$*/bin/python -m pytest -m '' $(TESTS_$*)
 
-client-figures: $(VENV)/.demo $(addprefix .venvs/,$(addsuffix /.made,sb3 torchrl rllib cleanrl)) ## does each library learn? (ten minutes): docs/clients.md
-	$(RUN) -m studies.clients --report docs/clients.md
+client-figures: $(addprefix .venvs/,$(addsuffix /.made,sb3 torchrl rllib cleanrl)) ## does each library learn? (ten minutes): the figures of docs/clients.md
+	for learner in PPO A2C DQN RecurrentPPO MaskablePPO; do $(ALONE) .venvs/sb3/bin/python examples/sb3.py $$learner || exit 1; done
+	$(ALONE) .venvs/sb3/bin/python examples/rl_zoo3/train.py
+	for library in torchrl rllib cleanrl; do $(ALONE) .venvs/$$library/bin/python examples/$${library}_ppo.py || exit 1; done
 
 lint: $(VENV)/.dev ## ruff (lint and format) and mypy
 	$(RUN) -m ruff check .

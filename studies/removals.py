@@ -12,9 +12,6 @@ def _answers(signature: str, answer: str) -> str:
 
 REMOVALS: dict[str, dict[str, str]] = {
     "base": {},
-    # the textbook's algorithms in place of the association
-    "jcbb": {"slam/frame": "from studies.textbook import jcbb as associate"},
-    "nearest-neighbour": {"slam/frame": "from studies.textbook import nearest_neighbour as associate"},
     # association
     "clear-matches": {
         "slam/association": _answers("_match_clear(model, h, points, detections, pair_worth, of_point)", "False")
@@ -26,7 +23,6 @@ REMOVALS: dict[str, dict[str, str]] = {
     "products-once": {"slam/curvature": "PRODUCT_FRAMES, IMAGE_PRODUCT_FRAMES = 1.0, 1.0"},
     "curvature-of-depths": {"slam/curvature": _answers("curvature_of_inverse_depth(P, rho, point, D)", "None")},
     # images: scenarios whose names end in "pixels"
-    "1-point-ransac": {"slam/frame": "from studies.textbook import one_point_ransac as associate_identified"},
     "appearance": {"vision/settings": "SIGHTED = replace(SIGHTED, score_weight=0.0)"},
     "mean-residuals": {"vision/settings": "SIGHTED = replace(SIGHTED, residual_weight=0.0)"},
     "target's-biases": {"vision/settings": "SIGHTED = replace(SIGHTED, fiducial_bias_std=0.0, floor_std=0.03)"},

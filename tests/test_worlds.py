@@ -16,8 +16,8 @@ from activeslam_gym.motion import motion_of
 from activeslam_gym.world import simulator
 from activeslam_gym.world.furniture import first_hits, inside_any, reachable
 from activeslam_gym.world.room import Room, draw_room, varied
-from studies.worlds import SCENARIOS as PLACES
 
+PLACES = ("office", "corridor", "rooms", "clusters", "corner", "sprint", "noisy", "mixed")
 BOX = np.array([[[1.0, -1.0, -0.5], [2.0, 1.0, 0.5]]])
 
 

@@ -140,6 +140,8 @@ def outcome(episode: Episode) -> dict[str, Any]:
         "landmark_rmse": float(episode.landmark_rmse[-1]) if np.isfinite(episode.landmark_rmse[-1]) else np.nan,
         "position_error": float(episode.position_error[-1]),
         "orientation_error": float(episode.orientation_error[-1]),
+        "position_nees": float(episode.position_nees[-1]),
+        "landmark_nees": float(episode.landmark_nees[-1]),
         "target_reached": int(reached),
         "target_time": float(episode.landmark_times[TARGET - 1]) if reached else np.nan,
         "target_log2_det": float(episode.landmark_log2_det[TARGET - 1]) if reached else np.nan,

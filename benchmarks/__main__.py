@@ -12,8 +12,8 @@ from threadpoolctl import threadpool_limits
 from agents.tools.files import writable_folder, write_json, write_text
 from agents.tools.sections import page_with, provenance, put_section, table
 
-from . import environments, peers, start
-from .against import PAIRS, compare
+from . import environments, peers
+from .against import PAIRS, compare, start
 
 Rows = list[dict[str, Any]]  # they share their keys, which are the table's head, with units
 PARTS: dict[str, Callable[[bool], tuple[Rows, str]]] = {
@@ -22,7 +22,7 @@ PARTS: dict[str, Callable[[bool], tuple[Rows, str]]] = {
     "images": environments.images,
     "scores": environments.scores,
     "peers": peers.run,
-    "start": start.run,
+    "start": start,
 }
 """Each measures, in small sizes and with few repeats where it is asked to be quick, and says how."""
 

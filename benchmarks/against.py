@@ -1,6 +1,7 @@
-"""`python -m benchmarks --against COMMIT`: another commit and this checkout in turn, by what both offer to users.
+"""The start of fresh processes, and `python -m benchmarks --against COMMIT`: another commit and this checkout in turn.
 
-As a script it measures the packages that are imported, and answers with a JSON object.
+As a script it measures the packages that are imported, by what every commit offers to users, and answers with a JSON
+object.
 """
 
 import json
@@ -16,12 +17,14 @@ from typing import Any
 
 ROOT = Path(__file__).parents[1]
 PAIRS = 5
+IMPORT = "processor time of the import [s]"
 FIRST = (
     "processor time to the first step [s]",
     "then to the first decision of mi-fisher [s]",
     "then to the first image [s]",
 )
 """Figures of the first run alone, with nothing compiled."""
+STARTS = (IMPORT, *FIRST)
 Figures = dict[str, float]
 
 
@@ -56,6 +59,14 @@ def run_in(checkout: Path, kernels: Path) -> Figures:
     return figures
 
 
+def start(quick: bool) -> tuple[list[dict[str, Any]], str]:
+    """The first run, with nothing compiled, and the next one; nothing if ``quick``."""
+    with tempfile.TemporaryDirectory() as folder:
+        runs = [run_in(ROOT, Path(folder)) for _ in range(0 if quick else 2)]
+    rows = [{"what": name, **dict(zip(("first run", "next run"), (run[name] for run in runs)))} for name in STARTS]
+    return rows if runs else [], "Fresh processes; the first one has an empty folder of kernels."
+
+
 def table(commit: str, runs: list[tuple[Figures, Figures]]) -> str:
     """Markdown: each figure of the commit and of this checkout, and the median, least and greatest of their ratios."""
     lines = [f"| | {commit} | this | ratio | least, most |", "|---|---|---|---|---|"]
@@ -77,7 +88,7 @@ def measure() -> Figures:
     import activeslam_gym  # noqa: F401 (registers the environments)
     import baselines
 
-    figures, seen = {"processor time of the import [s]": time.process_time() - begin}, [begin]
+    figures, seen = {IMPORT: time.process_time() - begin}, [begin]
 
     def first(name: str) -> None:
         figures[name], seen[0] = time.process_time() - seen[0], time.process_time()

@@ -8,19 +8,18 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv, VectorEnv
+from gymnasium.vector import SyncVectorEnv, VectorEnv
 
-from .setups import END, WARM_UP, sweep, swept
-from .timing import repeated, timed
+from .setups import END, WARM_UP, repeated, sweep, swept
 
-PEER_BATCH, PROCESSES = 64, 8
-"""Environments of the wrapped batch; of the one in processes, which would only queue for the cores if it had more."""
+PEER_BATCH = 64
+"""Environments of the wrapped batch."""
 Part = tuple[list[dict[str, Any]], str]
 
 
 def single(quick: bool) -> Part:
-    """`env.step` through `gymnasium.make`, with CartPole's beside it."""
-    rows, repeats, cartpole = [], 2 if quick else 7, _cartpole_step(20_000)
+    """`env.step` through `gymnasium.make`."""
+    rows, repeats = [], 2 if quick else 7
     for gaze_period in (0.05, 0.25):
         seconds = np.array([step_time(gaze_period, 100 * seed) for seed in range(repeats)])
         time, frames = np.median(seconds), round(gaze_period / 0.05)
@@ -29,12 +28,8 @@ def single(quick: bool) -> Part:
             "step [µs]": 1e6 * time,
             "fastest … slowest [µs]": f"{1e6 * seconds.min():.0f} … {1e6 * seconds.max():.0f}",
             "frames/s": frames / time,
-            "our frame / a step of CartPole": time / frames / cartpole,
         })  # fmt: skip
-    return (
-        rows,
-        f"From {WARM_UP} s to {END} s of `sweep`, median of {repeats} seeds; CartPole-v1: {1 / cartpole:,.0f}/s.",
-    )
+    return rows, f"From {WARM_UP} s to {END} s of `sweep`, median of {repeats} seeds."
 
 
 def step_time(gaze_period: float, seed: int) -> float:
@@ -43,20 +38,6 @@ def step_time(gaze_period: float, seed: int) -> float:
     seconds = sweep(env, gaze_period, WARM_UP, END)
     env.close()
     return float(seconds.mean()) * gaze_period
-
-
-def _cartpole_step(steps: int) -> float:
-    """One step of CartPole [s], resets included."""
-    env = gymnasium.make("CartPole-v1")
-    env.reset(seed=0)
-
-    def play() -> None:
-        for step in range(steps):
-            _, _, terminated, truncated, _ = env.step(step % 2)
-            if terminated or truncated:
-                env.reset()
-
-    return float(np.median([timed(play) for _ in range(3)])) / steps
 
 
 def batches(quick: bool) -> Part:
@@ -68,8 +49,6 @@ def batches(quick: bool) -> Part:
         build: dict[tuple[str, int, Any], Callable[[], VectorEnv]] = {
             ("SyncVectorEnv", peer, ""): partial(SyncVectorEnv, [make] * peer)
         }
-        if not quick:
-            build["AsyncVectorEnv", PROCESSES, ""] = partial(AsyncVectorEnv, [make] * PROCESSES)
         for size, count in product(sizes, threads):
             native = partial(gymnasium.make_vec, "ActiveSLAM-v0", size, gaze_period=period, num_threads=count)
             build["native", size, count] = native

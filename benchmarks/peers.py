@@ -10,8 +10,17 @@ from scipy.linalg import cho_factor, cho_solve
 from activeslam_gym import Gaze, Motion
 from activeslam_gym.motion import CAMERA_DIM, COMMANDS
 
-from .setups import SEEN, demand_matches, filter_frames, mapped_runs, restoring, whole_frames
-from .timing import Call, repeated, restored
+from .setups import (
+    SEEN,
+    Call,
+    demand_matches,
+    filter_frames,
+    mapped_runs,
+    repeated,
+    restored,
+    restoring,
+    whole_frames,
+)
 
 LANDMARKS = {93: 27, 129: 39}  # n = 12 + 3 landmarks
 FRAMES = 5  # frames of a step: a decision every 0.25 s

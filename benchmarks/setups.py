@@ -1,7 +1,9 @@
-"""States to measure on: an environment in the middle of a sweep, and a map of a chosen size."""
+"""Timings, and states to measure on: an environment in the middle of a sweep, and a map of a chosen size."""
 
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from functools import partial
+from timeit import repeat, timeit
 from typing import Any
 
 import gymnasium
@@ -18,11 +20,38 @@ from activeslam_gym.slam.belief import POINT, start_of
 from activeslam_gym.slam.frame import filter_frame
 from activeslam_gym.slam.map import append_feature
 
-from .timing import Call, timed
-
+Call = Callable[[], Any]
+TURN = 50
 WARM_UP, END = 20, 34
 """The sweep goes on for so long before anything is timed [s]: most of the room is then mapped. When it ends [s]."""
 SEEN = 8  # features in the image of a map of a chosen size
+
+
+def timed(call: Call) -> float:
+    """Time of one ``call`` [s]."""
+    return timeit(call, number=1)
+
+
+def repeated(call: Call, repeats: int, at_least: float) -> np.ndarray:
+    """Times (repeats,) of one ``call`` [s], each the mean of a loop of about ``at_least`` [s], after one call."""
+    call()
+    number = max(1, int(at_least / max(timed(call), 1e-9)))
+    return np.array(repeat(call, number=number, repeat=repeats)) / number
+
+
+def restored(calls: Sequence[Call], restore: Call, count: int) -> np.ndarray:
+    """Median times (turns, calls) of ``calls`` that change their arguments [s], of ``count`` each after ``restore``.
+
+    They take turns of `TURN` calls in succession: changes of the machine meet all alike, and each has its own code in
+    the caches.
+    """
+    seconds = np.empty((count // TURN, len(calls), TURN))
+    for turn in seconds:
+        for call, times in zip(calls, turn):
+            restore()
+            call()
+            times[:] = repeat(call, restore, number=1, repeat=TURN)
+    return np.median(seconds, axis=2)
 
 
 def sweep(env: Any, period: float, begin: int, end: int) -> np.ndarray:

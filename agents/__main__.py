@@ -12,7 +12,7 @@ COMMANDS = {
     "leaderboard": "agents.suite.leaderboard",
     "train": "agents.train",
     "verify": "agents.suite.verify",
-    "watch": "agents.watching.command",
+    "watch": "agents.watch",
 }
 """Name → module with `Args`, a dataclass, and `main(args) -> exit status`."""
 

@@ -2,21 +2,31 @@
 
 import warnings
 from collections.abc import Iterator, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
+import numpy as np
 
+from activeslam_gym import rendering
+from activeslam_gym.envs.snapshot import Snapshot
 from activeslam_gym.evaluation import Observer, outcome
+from activeslam_gym.files import written_whole
 from activeslam_gym.rendering import NoScreenWarning
-from activeslam_gym.vision.film import check_video
+from activeslam_gym.rendering.scene import TEXT
 from agents.task import check, file_name, make_environment, run_policy
 from agents.tools.arguments import SEEDS, given, positive, scenario_argument, within
 from agents.tools.files import writable_file, writable_folder
-from agents.watching.film import SUFFIXES, Film, side_by_side, write_animation
 
 LONGEST = 60.0  # of a picture of the animation [s]
+COLOURS = 64  # of the palette; the pictures are flat
+STRIP_PX = 26  # height of the strip with a name
+LOST = "#D62728"
+"""Colour of the word on a lost episode."""
+Picture = np.ndarray  # (H, W, 3) uint8
 
 
 @dataclass(frozen=True)
@@ -34,7 +44,7 @@ class Args:
     duration: float | None = None
     """Seconds of the episode; the scenario's if not given."""
     save: Path | None = None
-    """File for an animation of all policies side by side: .gif, .webp, .png or .mp4."""
+    """File for an animation of all policies side by side: NAME.gif."""
     every: float = 0.5
     """Seconds of the episode between two pictures of the animation."""
     speed: float = 4.0
@@ -51,15 +61,13 @@ class Args:
         positive(self, "every", "speed")
         if self.every / self.speed > LONGEST:
             raise ValueError(f"speed: {self.speed!r} shows a picture for more than {LONGEST:g} s; allowed: faster")
-        if self.save is not None and self.save.suffix not in SUFFIXES:
-            raise ValueError(f"save must end in {', '.join(SUFFIXES)}, got {str(self.save)!r}")
-        if self.save is not None and self.save.suffix == ".mp4":
-            check_video(self.save)
-        check(self.policies, [self.environment])
-        if self.save:
+        if self.save is not None:
+            if self.save.suffix != ".gif":
+                raise ValueError(f"save must end in .gif, got {str(self.save)!r}")
             writable_file("save", self.save)
         if self.tum:
             writable_folder("tum", self.tum)
+        check(self.policies, [self.environment])
 
     @property
     def environment(self) -> dict[str, Any]:
@@ -124,3 +132,60 @@ def labels(names: Sequence[str]) -> dict[str, str]:
 def label(name: str) -> str:
     """A policy's name as part of a file's name: the stem of a file of weights, the factory of a user's own."""
     return Path(name.rpartition(":")[2]).stem
+
+
+class Film:
+    """A moment of an environment every `every` seconds of its time, and their pictures, `width` pixels wide."""
+
+    def __init__(self, every: float, width: int) -> None:
+        self.every = every
+        self.size = (width, round(width * rendering.REFERENCE_SIZE[1] / rendering.REFERENCE_SIZE[0]))
+        self._moments: list[tuple[Snapshot, bool]] = []  # and whether it is lost then
+
+    def observe(self, core: Any, info: dict[str, Any]) -> None:
+        """Keep the moment if it is time for one, or the episode is lost, which stands under the time."""
+        if core.time >= self.every * len(self._moments) - 1e-9 or info["lost"]:
+            self._moments.append((deepcopy(core.snapshot()), info["lost"]))
+
+    @property
+    def curve(self) -> tuple[np.ndarray, np.ndarray]:
+        """Times [s] and entropies [bit] up to the last moment."""
+        last = self._moments[-1][0]
+        return last.times, last.entropy
+
+    def pictures(self, beside: Sequence[tuple[np.ndarray, np.ndarray]] = ()) -> list[Picture]:
+        """The moments as pictures, with the entropies of the films ``beside`` in each (their `curve`)."""
+        drawn = ((rendering.draw(moment, self.size, beside), lost) for moment, lost in self._moments)
+        return [written(one, 0.08 * len(one), "lost", LOST) if lost else one for one, lost in drawn]
+
+
+def written(picture: Picture, top: float, words: str, colour: str) -> Picture:
+    """A copy with these words at its left margin."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    image = Image.fromarray(picture)
+    font = ImageFont.load_default(18)
+    ImageDraw.Draw(image).text((0.022 * image.width, round(top)), words, fill=colour, font=font)
+    return np.asarray(image)
+
+
+def side_by_side(films: Sequence[Sequence[Picture]], names: Sequence[str]) -> list[Picture]:
+    """The films beside each other under their names; a shorter one stands still at its end."""
+    blanks = [np.full((STRIP_PX, film[0].shape[1], 3), 255, np.uint8) for film in films]
+    strips = [written(blank, 4, name, TEXT) for blank, name in zip(blanks, names, strict=True)]
+    last = [film[-1] for film in films]
+    pictures = ([end if one is None else one for one, end in zip(moment, last)] for moment in zip_longest(*films))
+    return [np.hstack([np.vstack(pair) for pair in zip(strips, beside)]) for beside in pictures]
+
+
+def write_animation(path: Path, pictures: Sequence[Picture], seconds: float) -> None:
+    """Write a .gif, which plays over and over, whole or not at all; each picture is shown for so many ``seconds``, the
+    last for two."""
+    from PIL import Image
+
+    images = [Image.fromarray(picture) for picture in pictures]
+    palette = images[-1].quantize(COLOURS, Image.Quantize.FASTOCTREE)  # the fullest picture has every colour
+    first, *rest = (image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images)
+    durations = [round(1000 * seconds)] * len(rest) + [2000]
+    with written_whole(path) as unfinished:
+        first.save(unfinished, "GIF", save_all=True, append_images=rest, duration=durations, loop=0, optimize=True)

@@ -1,1 +1,0 @@
-"""Episodes as animations or trajectories."""

@@ -11,7 +11,7 @@ from activeslam_gym.evaluation import Episode, Store, outcome
 from activeslam_gym.evaluation.code import LIBRARIES, package_versions
 from agents.figures import draw_all
 from agents.summary import Summary, headline, markdown, summarise, text
-from agents.task import Task, check, file_name, play_until_interrupted, step_once
+from agents.task import Task, check, file_name, play_until_interrupted
 from agents.tools.arguments import SEEDS, Pages, Workers, given, scenario_argument, within
 from agents.tools.files import alone_in, writable_folder, write_csv, write_json, write_text
 from agents.tools.sections import put_section
@@ -96,12 +96,11 @@ def compare(args: Args) -> Summary | None:
     Ctrl-C ends it early, with tables and figures of the episodes that are over. Raises ValueError for an unknown
     policy or a bad argument of the environment, before any episode; where some episodes fail, after all others.
     """
-    check(args.names, [args.environment])
     args.check_pages("compare", "headline")
     for name, folder in {"out": args.out, "store": args.store}.items():
         if folder:
             writable_folder(name, folder)
-    step_once(args.names, [args.environment], args.seed)
+    check(args.names, [args.environment], args.seed)
     print(f"{args.scenario[0]}: {', '.join(args.names)}; {args.episodes} episodes each.", flush=True)
     with alone_in(args.out):
         episodes: list[Episode] = []

@@ -146,14 +146,10 @@ def live(drawn: Episode, runs: Sequence[Episode], until: float) -> Figure:
 
 
 def over_rooms(runs: Sequence[Episode], field: str) -> Curves:
-    """A sampled field of the runs at whole seconds."""
-    return at_common_times([(thin.times, getattr(thin, field)) for thin in (run.thinned() for run in runs)])
-
-
-def at_common_times(curves: Sequence[tuple[Any, Any]]) -> Curves:
-    """Curves (times, values) at the times of the longest of them; NaN after a curve's end."""
-    times = max((np.asarray(times) for times, _ in curves), key=len)
-    return times, np.array([np.interp(times, *curve, right=np.nan) for curve in curves])
+    """A sampled field of the runs at whole seconds of the longest; NaN after a run's end."""
+    thin = [run.thinned() for run in runs]
+    times = max((run.times for run in thin), key=len)
+    return times, np.array([np.interp(times, run.times, getattr(run, field), right=np.nan) for run in thin])
 
 
 def quaternion_error(rotation_offset: np.ndarray) -> np.ndarray:

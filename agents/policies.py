@@ -3,9 +3,7 @@
 import hashlib
 import importlib
 import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from functools import partial
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from traceback import extract_tb
 from typing import Any
@@ -14,7 +12,7 @@ from zipfile import ZipFile
 import baselines
 from activeslam_gym.config import did_you_mean
 from activeslam_gym.evaluation import Predictor
-from activeslam_gym.evaluation.code import digest, own_files
+from activeslam_gym.evaluation.code import digest
 from agents import pretrained
 from agents.tools.files import reading
 from baselines.policy import Environment
@@ -37,19 +35,19 @@ def factory(name: str) -> Factory:
 
     Raises ValueError, which lists the allowed names, for an unknown one.
     """
-    if ":" in name and not name.startswith(RLLIB):
-        make = _imported(name)
-        return lambda env, seed: Own(name, make, env)
     if name.startswith(RLLIB):
         from agents.rllib import CheckpointPolicy
 
-        return lambda env, seed: Own(name, partial(CheckpointPolicy, _at(name)), env)
+        return lambda env, seed: CheckpointPolicy(_at(name), env)
+    if ":" in name:
+        make = _imported(name)
+        return lambda env, seed: _predictor(make(env))
     if name in baselines.names():
         return lambda env, seed: baselines.make(name, env, **({"seed": seed} if name == "random" else {}))
     if (path := file_of(name)) and path.suffix == ".npz":
         return lambda env, seed: learned(path.stem, env, path.parent)
     if path:
-        return lambda env, seed: Own(name, lambda env: _saved_model(path, env), env)
+        return lambda env, seed: _saved_model(path, env)
     if name.endswith(FILES):
         raise ValueError(f"policy: {name!r} is no file of weights")
     known = [*baselines.names(), *pretrained.names()]
@@ -65,15 +63,15 @@ def file_of(name: str) -> Path | None:
 
 
 def files(names: Iterable[str]) -> dict[str, Path]:
-    """What policies need on another machine beside the clone: path in a working folder there → path here."""
-    found, modules = {}, {name.partition(":")[0] for name in names if ":" in name and not name.startswith(RLLIB)}
+    """The files of policies, for another machine: path in a working folder there → path here."""
+    found = {}
     for name in names:
         if name.startswith(RLLIB):
             found[str(_there(name))] = _at(name)
         elif name.endswith(FILES) and (path := file_of(name)):
             card = path.with_suffix(".json")
             found |= {str(_there(name).with_suffix(one.suffix)): one for one in (path, card) if one.exists()}
-    return {**own_files(modules), **found}
+    return found
 
 
 def _at(name: str) -> Path:
@@ -121,36 +119,23 @@ def actions_of(name: str) -> str:
 
 
 def content(name: str) -> str:
-    """Digest of a policy's own files: weights, a checkpoint, or a module and its imports; "" of a baseline."""
-    if (path := file_of(name)) and path.suffix == ".npz":
-        return digest(path)
-    found = files([name]).values()
-    whole = sorted(file for path in found for file in ([path] if path.is_file() else path.rglob("*")) if file.is_file())
-    return digest(*(file for file in whole if file.suffix != ".pyc")) if whole else ""
+    """Digest of a policy's file, weights or a saved model; "" of any other policy."""
+    return digest(path) if (path := file_of(name)) else ""
 
 
-class Own:
-    """A user's own policy, whose errors become a ValueError of one line.
+def described(error: BaseException) -> str:
+    """An error of a user's code and its place there, in a line."""
+    lines = str(error).splitlines()
+    frames = [frame for frame in extract_tb(error.__traceback__) if Path(frame.filename).is_file()]
+    where = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
+    return f"{type(error).__name__}: {lines[0] if lines else ''}{where}"
 
-    Raises ValueError where its factory fails, or makes an object without `predict`.
-    """
 
-    def __init__(self, name: str, make: Callable[[Environment], Any], env: Environment) -> None:
-        self._name = name
-        with _failures(f"policy: {name!r}, called as factory(env): "):
-            self._policy = make(env)
-        if not callable(getattr(self._policy, "predict", None)):
-            allowed = "an object with predict(observation, …)"
-            raise ValueError(f"policy: {name!r} made {self._policy!r}; allowed: {allowed}")
-
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[Any, Any]:
-        """The policy's own action and state."""
-        asked = {"state": state, "episode_start": episode_start, "deterministic": deterministic}
-        with _failures(f"policy: {self._name!r}, asked for (action, state): "):
-            action, state = self._policy.predict(observation, **asked)
-        return action, state
+def _predictor(made: Any) -> Predictor:
+    """What a user's factory has made, if it is a policy."""
+    if not callable(getattr(made, "predict", None)):
+        raise ValueError(f"its factory made {made!r}; allowed: an object with predict(observation, …)")
+    return made
 
 
 def _saved_model(path: Path, env: Environment) -> Predictor:
@@ -170,23 +155,8 @@ def _saved_model(path: Path, env: Environment) -> Predictor:
 def _imported(name: str) -> Callable[[Environment], Any]:
     """The user's own 'package.module:factory'."""
     module, _, attribute = name.partition(":")
-    with _failures(f"policy: {name!r} cannot be imported (", "); allowed: 'package.module:factory'"):
-        return getattr(importlib.import_module(module), attribute)
-
-
-@contextmanager
-def _failures(before: str, after: str = "") -> Iterator[None]:
-    """Turn whatever a user's code raises into a ValueError, but for Ctrl-C."""
     try:
-        yield
+        return getattr(importlib.import_module(module), attribute)
     except (Exception, SystemExit) as error:
-        raise ValueError(f"{before}{_told(error)}{after}") from error
-
-
-def _told(error: BaseException) -> str:
-    """An error and its place in the user's code, in a line."""
-    lines = str(error).splitlines()
-    frames = [frame for frame in extract_tb(error.__traceback__) if Path(frame.filename).is_file()]
-    ours = frames[-1].filename in (__file__, importlib.__file__)
-    where = "" if ours else f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})"
-    return f"{type(error).__name__}: {lines[0] if lines else ''}{where}"
+        allowed = "'package.module:factory'"
+        raise ValueError(f"policy: {name!r} cannot be imported ({described(error)}); allowed: {allowed}") from error

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from activeslam_gym.evaluation import Episode, outcome
-from agents.tools.machine import code
+from activeslam_gym.evaluation.code import code
 from agents.tools.sections import Table, escaped
 from agents.tools.statistics import FEW_ROOMS, LEGEND, Column, Estimate, paired_rmse
 
@@ -60,9 +60,17 @@ def summarise(
 ) -> Summary:
     """Figures of `episodes`, and pairs against `reference` and the policy with the highest log score."""
     runs = grouped(episodes)
-    rows = {name: {run.seed: _row(run) for run in of_policy} for name, of_policy in runs.items()}
+    rows = {
+        name: {run.seed: outcome(run) | {"landmark_errors": run.landmark_errors} for run in of_policy}
+        for name, of_policy in runs.items()
+    }
     policies = {name: _figures(list(seen.values()), (*LEARNED, *ERRORS)) for name, seen in rows.items()}
     rooms, notes = min(len(seen) for seen in rows.values()), []
+
+    def differences(name: str, against: str) -> Figures:
+        pairs = [(row, rows[against].get(seed)) for seed, row in rows[name].items()]
+        return _figures([_difference(row, other) for row, other in pairs if other], PAIRED)
+
     if rooms < FEW_ROOMS:
         notes.append(f"* From {rooms} episodes: fewer than {FEW_ROOMS} give a hint, no finding.")
     if reference not in policies:
@@ -71,7 +79,7 @@ def summarise(
         settings=settings or {},
         policies=policies,
         paired={
-            against: {name: _paired(seen, rows[against]) for name, seen in rows.items() if name != against}
+            against: {name: differences(name, against) for name in rows if name != against}
             for against in dict.fromkeys((reference, by_log_score(policies)[0]))
             if against in policies and len(policies) > 1
         },
@@ -135,22 +143,11 @@ def _table(title: str, figures: Mapping[str, Figures], columns: Sequence[Column]
     return Table(title, header, rows)
 
 
-# Differences ---------------------------------------------------------------------------------------------------------
-
 Row = dict[str, Any]
 
 
 def _figures(rows: Sequence[Row], columns: Sequence[Column]) -> Figures:
     return {column.key: column.of(rows) for column in columns}
-
-
-def _row(run: Episode) -> Row:
-    return outcome(run) | {"landmark_errors": run.landmark_errors}
-
-
-def _paired(rows: Mapping[int, Row], others: Mapping[int, Row]) -> Figures:
-    """Figures of the differences in the episodes that both policies played."""
-    return _figures([_difference(row, others[seed]) for seed, row in rows.items() if seed in others], PAIRED)
 
 
 def _difference(row: Row, other: Row) -> dict[str, float]:

@@ -94,8 +94,8 @@ def _files(tasks: Sequence[Task]) -> dict[str, Path]:
     """What these tasks need on another machine beside the clone: path in a working folder there → path here."""
     names = {task.policy for task in tasks}
     scenarios = (json.loads(settings).get("scenario") for settings in {task.settings for task in tasks})
-    modules = {one.partition(":")[0] for one in scenarios if isinstance(one, str) and ":" in one}
-    return {**own_files(modules | foreign_modules()), **policies.files(names)}
+    own = {one.partition(":")[0] for one in (*names, *scenarios) if isinstance(one, str) and ":" in one}
+    return {**own_files(own | foreign_modules()), **policies.files(names)}
 
 
 def play_tasks(tasks: Sequence[Task]) -> list[Arrays]:
@@ -144,20 +144,29 @@ def run_policy(
 ) -> list[Episode]:
     """Episodes of the policy `source` (see `policies.factory`), as `play` plays them; `env` is then closed.
 
-    Raises ValueError where the policy cannot be made, or fails.
+    Raises ValueError where the policy cannot be made, or fails with one; whatever a user's code raises becomes one.
     """
     try:
         policy = policies.resolve(source, env, seeds[0] if len(seeds) == 1 else seeds)
         return play(env, policy, seeds, source, settings, observers, period)
-    except ValueError as error:
-        message = f"{error}" if source in str(error) else f"policy: {source!r}: {error}"
+    except Exception as error:
+        if not isinstance(error, ValueError) and not policies.holds_code(source):
+            raise
+        message = str(error)
+        if not isinstance(error, ValueError):
+            message = f"{policies.described(error)}; allowed: predict(observation, …) that returns (action, state)"
+        message = message if source in message else f"policy: {source!r}: {message}"
         raise ValueError(f"{message} (episode {seeds[0]})") from error
     finally:
         env.close()
 
 
-def check(names: Sequence[str], environments: Sequence[dict[str, Any]]) -> None:
-    """Raise ValueError for an unknown policy or a bad argument of an environment; `step_once` imports users' code."""
+def check(names: Sequence[str], environments: Sequence[dict[str, Any]], seed: int | None = None) -> None:
+    """Raise ValueError for an unknown policy or a bad argument of an environment, before any episode.
+
+    With a ``seed`` every policy takes a step in every environment, so that kernels are compiled once, before processes
+    start. A user's code runs in a process of its own.
+    """
     for name in names:
         if not policies.holds_code(name):
             policies.factory(name)
@@ -166,13 +175,9 @@ def check(names: Sequence[str], environments: Sequence[dict[str, Any]]) -> None:
             make_environment(arguments).close()
         except TypeError as error:  # an unknown argument
             raise ValueError(str(error)) from error
-
-
-def step_once(names: Sequence[str], environments: Sequence[dict[str, Any]], seed: int) -> None:
-    """One step of every policy in every environment, so that kernels are compiled once, before processes start; a
-    user's code runs in a process of its own."""
-    tasks = [(Task(name, seed, json.dumps(arguments)),) for arguments in environments for name in names]
-    list(run_all(_step_once, tasks, 1, None, any(map(policies.holds_code, names))))
+    if seed is not None:
+        steps = [(Task(name, seed, json.dumps(arguments)),) for arguments in environments for name in names]
+        list(run_all(_step_once, steps, 1, None, any(map(policies.holds_code, names))))
 
 
 def _step_once(tasks: tuple[Task]) -> None:

@@ -11,8 +11,7 @@ from activeslam_gym.config import did_you_mean
 
 from .constants import BestConstant
 from .fixed import Orbit, Random, Stay, Sweep
-from .greedy import JointGreedy, Lookahead, greedy
-from .held import HeldInformation
+from .greedy import HeldInformation, JointGreedy, Lookahead, greedy
 from .policy import Environment, Policy, Predictor, best
 from .sequences import BestSequence
 

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from activeslam_gym import Gaze, Motion, Scenario, core_of
 from activeslam_gym.config import TRAINING_SEED
-from activeslam_gym.evaluation.cluster import FOUND, on_cluster
-from activeslam_gym.evaluation.code import digest
+from activeslam_gym.evaluation.cluster import FOUND
+from activeslam_gym.evaluation.code import package_sources
 from activeslam_gym.evaluation.parallel import run_all
 from activeslam_gym.evaluation.store import NOT_KEPT, Store
 from activeslam_gym.files import demand_writable
@@ -32,7 +32,7 @@ ROOMS = 8  # in so many rooms all constants are tried,
 FINALISTS = 4  # and so many of them
 LAST_ROOMS = 32  # are judged in so many new rooms
 
-BATCH, CLUSTER_BATCH = 64, 16  # episodes at a time, in a process and in one of a cluster
+BATCH = 32  # episodes at a time
 Choose = Callable[..., dict[str, Any]]  # (scenario, gaze period, motion period, duration, store) -> an entry of a table
 OF_PLANNERS = (
     "gaze_period", "motion_criterion", "negative_information", "gaze_horizon", "plan_horizon", "plan_position_std",
@@ -133,15 +133,13 @@ def log_scores(
     What ``store`` has is not played again.
     """
     key = {"plans": plans.tolist(), "scenario": asdict(scenario), "seeds": list(seeds), "times": times}
-    key["code"] = digest(*(Path(__file__).with_name(f"{module}.py") for module in ("constants", "fixed", "policy")))
+    key["code"] = package_sources("baselines", ("*.py",))
 
     def scores() -> dict[str, NDArray[Any]]:
         each, rooms = np.repeat(plans, len(seeds), axis=0), np.tile(seeds, len(plans))
-        address = store.workers if isinstance(store.workers, str) else ""
-        batch = CLUSTER_BATCH if address else BATCH
-        parts = [tuple(range(len(rooms)))[i : i + batch] for i in range(0, len(rooms), batch)]
+        parts = [tuple(range(len(rooms)))[i : i + BATCH] for i in range(0, len(rooms), BATCH)]
         play = partial(_final_scores, plans=each, scenario=scenario, seeds=rooms.tolist(), times=times)
-        ends = dict(run_all(play, parts, partial(on_cluster, address=address) if address else 1, None))
+        ends = dict(run_all(play, parts, store.workers, None))
         return {"log_scores": np.concatenate([ends[part] for part in parts]).reshape(len(plans), len(seeds))}
 
     return store.of(f"{scenario.name}-{len(plans)}-plans", key, scores)["log_scores"]

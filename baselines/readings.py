@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from activeslam_gym import Scenario
 from activeslam_gym.config import TRAINING_SEED
 
-from .greedy import greedy
-from .held import HeldInformation
+from .greedy import HeldInformation, greedy
 from .policy import Policy, played
 
 TABLE = Path(__file__).with_name("best_readings.json")

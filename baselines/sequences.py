@@ -7,9 +7,7 @@ which takes minutes, shows a bar, and goes on where an interrupted search ended.
 
 import math
 from collections.abc import Sequence as Many
-from contextlib import nullcontext
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -94,6 +92,8 @@ def choose_sequence(
     images is played with images only then, by the best (see `constants.searched`). ``store`` keeps the rounds that are
     over, so that a second search goes on.
     """
+    from tqdm import tqdm
+
     times, quick = (gaze_period, motion_period, duration), constants.searched(scenario)
     rng, first = np.random.default_rng(0), TRAINING_SEED
     held = [constant(tuple(action)) for action in CONSTANTS.tolist()]
@@ -105,7 +105,8 @@ def choose_sequence(
         bar.update()
         return found
 
-    with _progress() as bar:
+    rounds = len(HALVINGS) + 2 * REFINEMENTS + 1
+    with tqdm(total=rounds, unit="round", disable=None) as bar:  # None: where there is no terminal
         for rooms, kept in HALVINGS:
             more = play(pool, range(first + scores.shape[1], first + scores.shape[1] + rooms))
             pool, scores = _best(pool, np.hstack((scores, more)), kept)
@@ -124,15 +125,6 @@ def choose_sequence(
     medians = {one.words(): round(float(np.median(row)), 1) for one, row in best}
     named = [[Motion(m).name, Gaze(g).name, round(end, 3)] for (m, g), end in zip(pool[0].actions, pool[0].ends)]
     return {"scenario": scenario.name, "sequence": named, "rooms": scores.shape[1], "medians": medians}
-
-
-def _progress() -> Any:
-    """A bar of the search's rounds on a terminal, where tqdm is installed."""
-    try:
-        from tqdm import tqdm
-    except ImportError:
-        return nullcontext(SimpleNamespace(update=lambda: None))
-    return tqdm(total=len(HALVINGS) + 2 * REFINEMENTS + 1, unit="round", disable=None)
 
 
 def _best(pool: list[Sequence], scores: NDArray[np.float64], kept: int) -> tuple[list[Sequence], NDArray[np.float64]]:

@@ -12,13 +12,13 @@ import numpy as np
 from activeslam_gym.config import scenario_from
 from activeslam_gym.evaluation import Episode, Measure, Store
 from agents.policies import holds_code
-from agents.task import Task, check, results, step_once
+from agents.task import Task, check, results
 from agents.tools.arguments import SEEDS, Workers, made_scenario, scenario_argument, within
 from agents.tools.files import writable_folder
 from agents.tools.sections import page_with, provenance, put_section
 from agents.tools.statistics import Estimate, bootstrap_interval
 
-BATCH, CLUSTER_BATCH = 100, 10  # episodes at a time, in this process and in one of a cluster
+BATCH = 20  # episodes at a time
 Name = TypeVar("Name")
 
 
@@ -59,9 +59,7 @@ def tasks(policy: str, settings: str, seed: int, count: int, *measures: type[Mea
     return [Task(policy, one, settings, measures=measures) for one in range(seed, seed + count)]
 
 
-def played(
-    groups: dict[Name, list[Task]], out: Path | None, batch: int = BATCH, workers: int | str = 1
-) -> dict[Name, list[Episode]]:
+def played(groups: dict[Name, list[Task]], out: Path | None, workers: int | str = 1) -> dict[Name, list[Episode]]:
     """The episodes of groups of tasks, kept or played now, as a batch where policy and environment are the same.
 
     Raises ValueError for an unknown policy or a bad argument of an environment, before any episode.
@@ -69,9 +67,8 @@ def played(
     every = list(dict.fromkeys(task for group in groups.values() for task in group))
     names, environments = ({getattr(task, part) for task in every} for part in ("policy", "settings"))
     check(sorted(names), list(map(json.loads, environments)))
-    step_once([name for name in names if holds_code(name)], [json.loads(every[0].settings)], every[0].seed)
-    batch = min(batch, CLUSTER_BATCH) if isinstance(workers, str) else batch
-    found = dict(results(every, Store(out, workers), batch))
+    check(list(filter(holds_code, names)), [json.loads(every[0].settings)], every[0].seed)
+    found = dict(results(every, Store(out, workers), BATCH))
     return {name: [found[task] for task in group] for name, group in groups.items()}
 
 

@@ -65,7 +65,7 @@ SECRETS = {
 
 PUBLIC = {
     *("config", "evaluation", "files", "geometry", "information", "metrics", "motion", "rendering", "live"),
-    *("envs.snapshot", "vision.film"),
+    "envs.snapshot",
 }
 """What the upper floors read of ``activeslam_gym``, beside the names of the package itself."""
 

@@ -5,7 +5,6 @@ import os
 import re
 import sys
 from collections.abc import Iterator
-from functools import partial
 from importlib import import_module
 from itertools import product
 from pathlib import Path
@@ -14,10 +13,8 @@ from typing import Any, get_type_hints
 import pytest
 import tyro
 
-from agents import __main__ as commands
 from agents.__main__ import COMMANDS, main
-from benchmarks.__main__ import entry
-from studies import consistency, paper, run, worlds
+from studies import consistency, run
 
 pytest.importorskip("torch")
 
@@ -50,7 +47,7 @@ TABLE: tuple[tuple[str, str, str, str], ...] = (
     ("compare train", "--out", "TMP/file TMP/file/below", "is no folder to write to"),
     ("watch", "--tum", "TMP/file", "is no folder to write to"),
     ("watch", "--save", "TMP/file/a.gif", "is no folder to write to"),
-    ("watch", "--save", "clip.avi", "must end in .gif, .webp, .png, .mp4, got"),
+    ("watch", "--save", "clip.avi", "must end in .gif, got"),
     ("compare", "--report", "TMP/absent.md", "there is no page"),
     ("compare", "--report", "TMP/page.md", "has no section <!-- generated:"),
     ("compare", "--policies", "TMP/broken.npz TMP/half.npz", "cannot be read"),
@@ -61,10 +58,10 @@ TABLE: tuple[tuple[str, str, str, str], ...] = (
     ("compare watch", "--policies", "nobody MI-FISHER", UNKNOWN),
     ("compare", "--policies", "", "policies: none given; allowed: one name or more"),
     ("compare", "--policies", "exits:make own:absent a:b:c", "cannot be imported"),
-    ("compare", "--policies", "own:raises", "called as factory(env): ZeroDivisionError: division by zero (own.py:10)"),
-    ("compare", "--policies", "own:no_arguments", "called as factory(env): TypeError"),
+    ("compare", "--policies", "own:raises", "ZeroDivisionError: division by zero (own.py:10)"),
+    ("compare", "--policies", "own:no_arguments", "TypeError"),
     ("compare", "--policies", "own:none", "made None; allowed: an object with predict(observation, …)"),
-    ("compare", "--policies", "own:other_predict", "asked for (action, state): TypeError"),
+    ("compare", "--policies", "own:other_predict", "TypeError"),
     ("compare", "--policies", "own:not_a_number", "action must be two whole numbers"),
     ("compare", "--reference", "nobody", "is not compared; allowed: mi-constant"),
     ("train", "--reward", "bogus", "reward must be one of entropy, log_score"),
@@ -150,21 +147,6 @@ def test_every_number_of_every_command_is_bounded_and_named(command: str, folder
     assert sorted(folder.rglob("*")) == before
 
 
-def test_the_benchmark_tells_its_own(folder: Path, capsys: Any) -> None:
-    lines = {"--out TMP/file": "is no folder", "--report TMP/absent.md": "no page", "--parts x": "invalid"}
-    for line, said in lines.items():
-        status, lines_told = told(capsys, entry, line.replace("TMP", str(folder)).split())
-        assert status == 2 and said in " ".join(lines_told)
-
-
-def test_ctrl_c_during_the_imports_is_130(monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(name: str) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(commands, "import_module", interrupted)
-    assert main(["compare"]) == 130
-
-
 def test_a_full_disk_is_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     def full(self: Path, target: Path) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(target))
@@ -176,23 +158,19 @@ def test_a_full_disk_is_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, 
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
-def ran(study: Any, line: list[str]) -> None:
+def ran(line: list[str]) -> None:
     """Run a study by its command line."""
-    run(lambda: study.main(tyro.cli(study.Args, args=line)))
+    run(lambda: consistency.main(tyro.cli(consistency.Args, args=line)))
 
 
 STUDIES = {"--out TMP/file": "is no folder", "--report TMP/absent.md": "no page", "--report TMP/page.md": "no section"}
 STUDIES |= {"--seed -1": "allowed: 0 to", "--episodes 0": "allowed: 1 to", "--jobs 0": "allowed: 1 to"}
 
 
-@pytest.mark.parametrize(("study", "lines"), [
-    (consistency, STUDIES | {"--policies nobody": UNKNOWN, "--scenario nowhere": "scenario must be one of"}),
-    (paper, STUDIES | {"--seconds 0": "positive", "--seconds nan": "positive", "--nonsense": "nrecognized"}),
-    (worlds, {"--scenarios nowhere": "scenario must be one of", "--policies broken:make": "cannot be imported"}),
-])  # fmt: skip
-def test_a_mistake_in_a_study_is_told_in_a_line(study: Any, lines: dict[str, str], folder: Path, capsys: Any) -> None:
-    for line, said in lines.items():
-        given = line.replace("TMP", str(folder)).split()
-        status, said_lines = told(capsys, partial(ran, study), given)
+def test_a_mistake_in_a_study_is_told_in_a_line(folder: Path, capsys: Any) -> None:
+    for line, said in (
+        STUDIES | {"--policies nobody": UNKNOWN, "--scenario nowhere": "scenario must be one of"}
+    ).items():
+        status, said_lines = told(capsys, ran, line.replace("TMP", str(folder)).split())
         text = " ".join(said_lines)
         assert status == 2 and said in text and "Traceback" not in text, (line, text)

@@ -1,4 +1,4 @@
-"""Episodes on a cluster of Ray: `make client-cluster`, three nodes on this machine. The schedule needs no Ray."""
+"""Episodes on a cluster of Ray: `make client-cluster`, three nodes on this machine."""
 
 import json
 import os
@@ -18,7 +18,6 @@ import pytest
 
 from activeslam_gym import Scenario, config
 from activeslam_gym.evaluation import Store, cluster
-from activeslam_gym.evaluation.cluster import CHUNK, Schedule
 from agents import pretrained
 from agents import task as tasks
 from agents.__main__ import main
@@ -30,7 +29,8 @@ SHORT = json.dumps({"duration": 1.0})
 MEASURED = {"decision_us", "step_us"}  # times, which no two runs share
 MODULE = """
 import os
-import baselines, beside
+import baselines
+from . import beside
 from activeslam_gym.config import SCENARIOS, Scenario
 
 SCENARIOS["noisier"] = Scenario(pixel_std=beside.pixel_std)
@@ -54,40 +54,6 @@ class Ends(Mine):
             os._exit(3)
         return super().predict(*arguments, **named)
 """
-
-
-class Job:
-    """A task of a schedule."""
-
-    def __init__(self, group: str) -> None:
-        self.group = group
-
-
-def test_the_slowest_groups_are_first_and_chunks_take_some_seconds() -> None:
-    jobs = [(Job(group),) for _ in range(100) for group in ("quick", "slow", "other")]
-    schedule, cores, order = Schedule(jobs), 2, []
-    costs = {"quick": 0.1, "slow": 10.0, "other": 0.1}
-    while found := schedule.next(cores):
-        group, chunk = found
-        (name,) = {task[0].group for task in chunk}
-        group.cost = min(group.cost, costs[name])
-        order.append((name, len(chunk)))
-    assert sum(count for _, count in order) == 300
-    assert order[:102] == [("quick", 1), ("slow", 1), ("other", 1), *[("slow", 1)] * 99]
-    assert {name for name, _ in order[102:104]} == {"quick", "other"}
-    assert order[102][1] == round(CHUNK / 0.1) > order[-1][1]
-
-
-def test_what_is_lost_is_repeated_once_and_alone() -> None:
-    schedule = Schedule([(Job("one"), i) for i in range(4)])
-    group, chunk = schedule.next(1) or pytest.fail()
-    more = [chunk, *(found[1] for found in iter(lambda: schedule.next(1), None))]
-    assert sum(map(len, more)) == 4
-    assert not schedule.lost(group, chunk)
-    for task in chunk:
-        assert schedule.next(1) == (group, [task])
-        assert schedule.lost(group, [task]) == [task]
-    assert schedule.next(1) is None
 
 
 @pytest.fixture(scope="module")
@@ -152,14 +118,14 @@ def test_a_comparison_equals_that_of_one_machine_though_a_node_is_lost(nodes: An
 
 @pytest.fixture
 def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
-    """A module of a user's own, and one beside it; its policies work where they were sent alone."""
-    (tmp_path / "own").mkdir()
-    (tmp_path / "own" / "of_mine.py").write_text(MODULE)
-    (tmp_path / "own" / "beside.py").write_text("pixel_std = 3.0\n")
+    """A package of a user's own; its policies work where they were sent alone."""
+    (tmp_path / "own" / "of_mine").mkdir(parents=True)
+    (tmp_path / "own" / "of_mine" / "__init__.py").write_text(MODULE)
+    (tmp_path / "own" / "of_mine" / "beside.py").write_text("pixel_std = 3.0\n")
     monkeypatch.syspath_prepend(tmp_path / "own")
     yield "of_mine"
     config.SCENARIOS.pop("noisier", None)
-    for name in ("of_mine", "beside"):
+    for name in ("of_mine", "of_mine.beside"):
         sys.modules.pop(name, None)
 
 
@@ -240,7 +206,7 @@ def test_another_number_of_machines_goes_on(nodes: Any, tmp_path: Path, capfd: p
         f"{line} 400 --cluster {nodes.address}", tmp_path, lambda run: run.send_signal(signal.SIGINT)
     )
     assert status == 130 and "Interrupted" in told
-    assert main([*line.split(), "4", "--resume", "--jobs", "1", "--out", str(tmp_path)]) == 0
+    assert main([*line.split(), "30", "--resume", "--jobs", "1", "--out", str(tmp_path)]) == 0
     assert "episodes are kept from an earlier command" in capfd.readouterr().out
 
 

@@ -16,7 +16,6 @@ from activeslam_gym.information import CRITERIA
 from activeslam_gym.sensors.sensor import SENSORS
 from activeslam_gym.slam.estimator import ESTIMATORS
 from activeslam_gym.world.scenes import SCENES
-from agents import policies
 from agents.task import Task, make_environment, play_tasks, run_policy
 from tests.support import assert_same_record
 
@@ -88,16 +87,13 @@ def test_a_key_holds_everything_that_could_change_the_result(tmp_path: Path, mon
 
 def test_a_user_s_modules_are_found_without_running_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(tmp_path)
-    (tmp_path / "mine.py").write_text("import numpy, helper\nraise ImportError\n")
-    (tmp_path / "helper.py").write_text("make = 1\n")
-    (tmp_path / "loose").mkdir()  # no __init__.py
+    (tmp_path / "mine.py").write_text("raise ImportError\n")
+    for name in ("loose", "whole"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "whole" / "__init__.py").write_text("raise ImportError\n")
     (tmp_path / "loose" / "own.py").write_text("raise ImportError\n")
-    (tmp_path / "broken.py").write_text("def (:")
-    found = code.own_files(["mine", "loose.own", "broken", "numpy", "no_such"])
-    assert found == {name: tmp_path / name for name in ("mine.py", "helper.py", "loose/own.py")}
-    before = policies.content("mine:make")
-    (tmp_path / "helper.py").write_text("make = 2\n")
-    assert policies.content("mine:make") != before
+    found = code.own_files(["mine", "loose.own", "whole", "numpy", "no_such", "agents.task"])
+    assert found == {name: tmp_path / name for name in ("mine.py", "loose", "whole")}
 
 
 def test_results_of_another_packages_entry_are_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""Masks and the render size: what clients ask of an environment beyond its observation."""
+"""Masks of actions."""
 
 import gymnasium as gym
 import numpy as np
@@ -39,13 +39,3 @@ def test_a_motion_that_is_masked_makes_no_difference() -> None:
         env.step((Motion.UP, Gaze.LEFT))
         observations.append([env.step((other, Gaze.LEFT))[0] for _ in range(3)])
     np.testing.assert_array_equal(*observations)
-
-
-def test_a_picture_has_the_size_that_was_asked_for() -> None:
-    pytest.importorskip("matplotlib")
-    env = gym.make("ActiveSLAM-v0", render_mode="rgb_array", render_size=(480, 300))
-    env.reset(seed=0)
-    assert env.render().shape == (300, 480, 3)
-    envs = gym.make_vec("ActiveSLAM-v0", num_envs=2, render_mode="rgb_array", render_size=(128, 96))
-    envs.reset(seed=0)
-    assert [picture.shape for picture in envs.render()] == [(96, 128, 3)] * 2

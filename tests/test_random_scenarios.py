@@ -22,12 +22,6 @@ def random_range(low: float, high: float, rng: np.random.Generator) -> list[tupl
     return [(a, b), (c, d)] if rng.random() < 0.5 else [(a, c), (b, d)]
 
 
-# Varied fields ------------------------------------------------------------------------------------------------------
-
-
-# Fiducials ----------------------------------------------------------------------------------------------------------
-
-
 # Scenarios that were accepted, and then hung or were lost -----------------------------------------------------------
 
 
@@ -72,9 +66,6 @@ def test_ways_are_those_of_a_search_cell_by_cell() -> None:
         answers.append(reachable(scenario, boxes, place, margin + 0.05))
         assert answers[-1] == reachable_cell_by_cell(scenario, boxes, place, margin + 0.05)
     assert 20 < sum(answers) < 130
-
-
-# Rooms that cannot be -----------------------------------------------------------------------------------------------
 
 
 # Any legal scenario -------------------------------------------------------------------------------------------------

@@ -1,15 +1,27 @@
-"""`python -m studies.…`, small; their whole tables are in docs/."""
+"""`python -m studies.…`, small, and its measures, which have known answers; their whole tables are in docs/."""
 
 import csv
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
+import baselines
+from activeslam_gym import Motion
+from activeslam_gym.evaluation import TARGET, run_episode
+from activeslam_gym.information.candidates import motion_plans, score_plans
+from activeslam_gym.information.criteria import CRITERIA
+from activeslam_gym.metrics import CLOSURE_GAP, LoopClosures
 from agents import task as tasks
-from studies import clients, consistency, rules, worlds
+from studies import consistency, measures, paper
+from studies.removals import REMOVALS
+from studies.worth import compared
 from tests.test_compare import episode
+
+PACKAGE = Path(__file__).parents[1] / "activeslam_gym"
 
 
 def test_consistency_fills_its_page_and_plays_no_episode_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -36,57 +48,113 @@ def test_wrong_matches_are_a_share_of_all_and_losses_of_all_episodes() -> None:
     assert cells[3:] == ["2.000", "1.00", "1.00"]
 
 
-def test_worlds_tells_a_policy_beside_the_best_open_loop(capsys: pytest.CaptureFixture[str]) -> None:
-    worlds.main(worlds.Args(scenarios=("office",), episodes=2, policies=("stay",)))
-    rows = [one.split(" | ") for one in capsys.readouterr().out.splitlines() if one.startswith("| `")]
-    assert [row[0][2:] for row in rows] == ["`best-constant`", "`sweep`", "`best-sequence`", "`stay`"]
-    best = max(rows[:3], key=lambda row: float(row[1]))
-    assert float(best[2]) == 0.0 and float(rows[3][2]) < 0.0
+@pytest.mark.parametrize("row", [row for row in REMOVALS if row != "base"])
+def test_a_row_replaces_a_function_or_constant_that_there_is(row: str) -> None:
+    """A row that replaces nothing would show that a mechanism has no worth."""
+    for module, lines in REMOVALS[row].items():
+        source = (PACKAGE / f"{module}.py").read_text(encoding="utf-8")
+        defined = re.findall(r"^def (\w+)|^([A-Z_]+(?:, [A-Z_]+)*) =|import \w+ as (\w+)$", lines, re.MULTILINE)
+        names = [name for one in defined for name in ", ".join(filter(None, one)).split(", ")]
+        assert names and all(re.search(rf"\b{name}\b", source) for name in names), names
+        for field in re.findall(r"out\.(\w+) =", lines):
+            assert re.search(rf"^    {field}=", source, re.MULTILINE), field
 
 
-@pytest.mark.parametrize("name", ["GoBack", "Face", "SpinThenOrbit", "RIGHT_LEFT"])
-def test_a_rule_does_in_a_batch_what_it_does_alone(name: str) -> None:
-    given = {"scenario": "clusters", "duration": 15.0, "gaze_period": 0.5}
-    batch, single = gym.make_vec("ActiveSLAM-v0", num_envs=2, **given), gym.make("ActiveSLAM-v0", **given)
-    policy, alone = getattr(rules, name)(batch), getattr(rules, name)(single)
-    (observations, _), (observation, _) = batch.reset(seed=3), single.reset(seed=4)
-    taken = set()
-    for _ in range(29):
-        actions, action = policy.predict(observations)[0], alone.predict(observation)[0]
-        np.testing.assert_array_equal(actions[1], action)
-        taken.add(tuple(action.tolist()))
-        observations, observation = batch.step(actions)[0], single.step(action)[0]
-    assert len(taken) == 1 if name == "RIGHT_LEFT" else len(taken) > 1
-    with pytest.raises(AttributeError, match="has no attribute 'RIGHT_DOWN'"):
-        rules.RIGHT_DOWN  # noqa: B018
+def test_differences_are_of_the_same_episodes() -> None:
+    def episodes(lost: float, gain: float, seeds: range) -> list[dict[str, str]]:
+        numbers = {"lost": lost, "log_score_gain": gain, "log_score_under_0": int(gain < 0.0)}
+        numbers |= {"position_nees": 1.0, "landmark_nees": 1.0}
+        one = {"policy": "stay", **{name: str(value) for name, value in numbers.items()}}
+        return [{**one, "seed": str(seed)} for seed in seeds]
+
+    found = compared(episodes(0, 100.0, range(20)), episodes(1, -50.0, range(10, 40)))
+    assert found["episodes"] == found["under_zero"] == 10
+    assert found["lost"] == found["lost_low"] == 100.0 and found["score"] == found["score_high"] == -0.5
 
 
-def put_interpreters(folder: Path, environments: set[str], status: int = 0) -> None:
-    """In the place of the libraries': each prints a version, or the last line of a script."""
-    line = "x: -2 -> 491 bits, 8960 steps in 3 s"
-    for environment in environments:
-        python = folder / ".venvs" / environment / "bin" / "python"
-        python.parent.mkdir(parents=True, exist_ok=True)
-        python.write_text(f'#!/bin/sh\nif [ "$1" = -c ]; then echo 9.8.7; else echo "{line}"; exit {status}; fi\n')
-        python.chmod(0o755)
+def environment(duration: float = 3.0) -> gym.Env:
+    return gym.make("ActiveSLAM-v0", gaze_period=0.05, duration=duration)
 
 
-def test_the_page_of_clients_has_a_row_for_each_and_says_its_behaviour(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(clients, "ROOT", tmp_path)
-    page = tmp_path / "page.md"
-    page.write_text("<!-- generated: clients -->\n<!-- end: clients -->\n")
-    put_interpreters(tmp_path, {"sb3"})
-    clients.main()
-    of_sb3 = [one for one in clients.CLIENTS if one.environment == "sb3"]
-    assert capsys.readouterr().out.count("| 8 960 | -2 → 491 | 3 |") == len(of_sb3)
-    with pytest.raises(ValueError, match="not installed: cleanrl, rllib, torchrl; make client-figures installs them"):
-        clients.main(page)
-    put_interpreters(tmp_path, {one.environment for one in clients.CLIENTS})
-    clients.main(page)
-    assert page.read_text().count("| 8 960 | -2 → 491 | 3 |") == len(clients.CLIENTS)
-    assert "BEHAVIOUR" in page.read_text()
-    put_interpreters(tmp_path, {"sb3"}, status=1)
-    with pytest.raises(ValueError, match=r"sb3.py ended with 1: x: -2 -> 491 bits"):
-        clients.main()
+def test_a_verdict_needs_the_whole_interval_of_enough_episodes_on_one_side() -> None:
+    noise = np.random.default_rng(0).normal(0.0, 0.5, 40)
+    verdicts = [paper.row("", "", values, above)[-1] for values in (noise + 2.0, noise) for above in (True, False)]
+    assert verdicts == ["**holds**", "**does not hold**", "not significant", "not significant"]
+    assert paper.row("", "", noise + 2.0, True, 1.9)[-1] == "not significant"
+    assert paper.row("", "", noise[:9] + 2.0, True)[-1] == "too few episodes"
+    assert paper.row("", "", np.r_[noise, np.nan], True)[3] == str(40)
+
+
+def test_a_stated_number_has_its_rank_among_the_episodes_that_have_one() -> None:
+    values = np.r_[np.arange(4.0), np.nan]
+    assert paper.number("falls to {}", "", values, -5.0)[::4] == ["falls to −5", "rank 0.00"]
+    assert paper.number("", "", values, 2.5)[3:] == ["4", "rank 0.75"]
+    assert paper.number("", "", np.full(2, np.nan), 2.5)[3:] == ["0", "–"]
+
+
+def test_numbers_of_made_up_episodes() -> None:
+    late = episode(lost=True, landmark_times=np.arange(TARGET) + 1.0)
+    np.testing.assert_array_equal(measures.at_target([late, episode()], "landmark_times", 2.0), [TARGET, 2.0])
+    np.testing.assert_array_equal(measures.unless_lost([late, episode()], lambda one: 3.0), [np.nan, 3.0])
+    actions = np.array([[motion, 0] for motion in (Motion.STAY, Motion.UP, Motion.UP, Motion.FORWARD)])
+    events = {"initialised": np.array([1, 0, 0, 0])}
+    one = episode(actions=actions, motion_read=np.ones(4, bool), events=events)  # a step is 0.5 s
+    assert measures.share([one], measures.LATERAL) == 50.0
+    assert (
+        measures.share([one], measures.LATERAL, until=1.0) == 50.0
+        and measures.share([one], [Motion.UP], until=0.5) == 0
+    )
+    assert measures.share([one], measures.LATERAL, after="initialised") == 100.0
+    assert np.isnan(
+        measures.share([replace(one, events={"initialised": np.zeros(4)})], [Motion.UP], after="initialised")
+    )
+    assert measures.within([episode()]) == 100.0
+    assert measures.nearest([episode()]) == pytest.approx(0.0)
+    nees = episode(position_nees=np.full(5, 3.0), landmark_nees=np.array([np.nan, np.nan, 1.0, 2.0, 3.0]))
+    np.testing.assert_array_equal(measures.mean_nees([nees]), [[2.0], [2.0]])
+    runs = [episode(lost=lost, log_score=np.full(5, x)) for lost, x in zip((0, 0, 1, 0, 0), (1.0, 5.0, 2.0, 4.0, 3.0))]
+    assert measures.middle([runs]) == 3 and measures.middle([runs[2:3]]) == 0  # the upper of the two in the middle
+
+
+def test_the_drop_at_a_closure_is_against_the_second_before() -> None:
+    env, loops = environment(4.0), measures.Loops()
+    run = run_episode(env, baselines.make("stay", env), seed=5, observers=[loops.observe])
+    assert 0.0 < loops.result(run)["fiducials"] <= env.unwrapped.scenario.fiducial_count
+    steps, closed = len(run.actions), 40
+    slopes = np.where(np.arange(steps) < closed, -1.0, -3.0)  # bits a step, before and from the closure on
+    falling = replace(run, log2_det_camera=np.concatenate(([0.0], np.cumsum(slopes))))
+    loops._closed = [0] * (steps + 1)
+    assert np.isnan(loops.result(falling)["drop"]) and loops.result(falling)["closure"] == run.times[-1]
+    loops._closed[closed + 1] = loops._closed[closed + 6] = 1  # after the step; the second is the same event
+    found = loops.result(falling)
+    assert found["drop"] == -60.0 + 20.0 and found["closure"] == pytest.approx((closed + 1) * 0.05)
+    counted = LoopClosures()
+    assert [counted.count([-1], time) for time in (0.0, 0.1, CLOSURE_GAP + 0.1)] == [0, 0, 1]
+
+
+def test_expected_landmarks_that_no_camera_sees_are_in_no_score() -> None:
+    env = environment()
+    env.reset(seed=5)
+    core = env.unwrapped
+    before = core.motion_scores("mutual_information")
+    measures.WithoutExpected().observe(core, {})
+    models, whole = core.setting.models, core.predicted_belief
+    size = len(whole.covariance) - 3 * whole.waiting
+    P = whole.covariance[:size, :size].copy()
+    rest = whole._replace(points=whole.points[: -whole.waiting], covariance=P, waiting=0)
+    for criterion in ("mutual_information", "fisher_trace"):
+        without, plans = np.empty(len(Motion)), motion_plans(20)
+        score_plans(models.camera, models.motion, rest, 0.0, plans, CRITERIA.number(criterion), without)
+        np.testing.assert_array_equal(core.motion_scores(criterion), without)
+    assert (before > core.motion_scores("mutual_information")).any()
+
+
+def test_the_command_fills_its_page(tmp_path: Path) -> None:
+    page = tmp_path / "paper.md"
+    page.write_text("<!-- generated: paper -->\n<!-- end: paper -->\n")
+    paper.main(paper.Args(episodes=2, seconds=2.0, report=page, out=tmp_path / "store"))
+    rows = [line for line in page.read_text().splitlines() if line.startswith("| ")]
+    assert len(rows) == 29 and {len(row.split(" | ")) for row in rows} == {5}
+    assert "python -m studies.paper --episodes 2 --seconds 2 --seed 1000000\n" in page.read_text()
+    pictures = {path.stem for path in (tmp_path / "images" / "paper").glob("*.png")}
+    assert pictures == {"maps", "entropies", "errors", "live"}

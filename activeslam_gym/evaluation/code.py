@@ -1,14 +1,14 @@
-"""What a result depends on beside its arguments: versions, digests of files, and a user's own modules."""
+"""What a result depends on beside its arguments: versions, commit, machine, files, and a user's own modules."""
 
 import hashlib
+import os
 import platform
-import sys
+import subprocess
 import sysconfig
 from collections.abc import Iterable
 from functools import cache
 from importlib import metadata
 from importlib.util import find_spec
-from modulefinder import ModuleFinder
 from pathlib import Path
 
 from activeslam_gym import BEHAVIOUR, __version__
@@ -59,6 +59,22 @@ def processor() -> str:
     return name + (f" (family {fields['cpu family']}, model {fields['model']})" if known else "")
 
 
+def machine() -> str:
+    """Processor and number of cores."""
+    return f"{processor()}, {os.cpu_count()} cores"
+
+
+@cache
+def code() -> str:
+    """`BEHAVIOUR` and the commit of the clone, as they stand in a page."""
+    line = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--exclude", "*"]
+    try:
+        commit = subprocess.run(line, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):  # installed, not cloned
+        commit = "unknown"
+    return f"BEHAVIOUR {BEHAVIOUR}, commit {commit}"
+
+
 def digest(*paths: Path) -> str:
     """Digest of the contents of files."""
     whole = hashlib.sha256()
@@ -68,29 +84,15 @@ def digest(*paths: Path) -> str:
 
 
 def own_files(modules: Iterable[str]) -> dict[str, Path]:
-    """Files and packages of a user's ``modules``, and of what they import that is not installed: relative path → path.
-
-    Nothing is run. Names that are no such modules are left out.
-    """
+    """The packages or single files of a user's ``modules`` that are not installed: their names → their paths."""
     homes = [Path(home).resolve() for name, home in sysconfig.get_paths().items() if "lib" in name]
-    path = [one for one in sys.path if not any(Path(one).resolve().is_relative_to(home) for home in homes)]
-    finder, found = ModuleFinder([one or "." for one in path], excludes=OURS), dict[str, Path]()
-    for name in {name for name in modules if name.partition(".")[0] not in OURS}:
-        try:
-            finder.import_hook(name)
-        except AttributeError:  # its folder has no __init__.py, which the finder does not know
-            inside = "/".join(name.split(".")) + ".py"
-            found.update((inside, Path(one, inside)) for one in path if Path(one, inside).is_file())
-        except (ImportError, SyntaxError, ValueError):  # the import itself will tell
-            continue
-    for name, module in finder.modules.items():
-        file = Path(getattr(module, "__file__", None) or "")
-        if "." in name and name.partition(".")[0] in found:
-            continue
-        if file.name == "__init__.py" and "." not in name:
-            found[name] = file.parent  # whole, with its data
-        elif file.suffix == ".py":
-            found["/".join(name.split(".")) + ("/__init__.py" if file.name == "__init__.py" else ".py")] = file
+    found = {}
+    for name in {name.partition(".")[0] for name in modules} - {"", *OURS}:
+        spec = find_spec(name)  # runs nothing of it
+        if spec and (place := next(iter(spec.submodule_search_locations or ()), spec.origin)):
+            path = Path(place)
+            if path.exists() and not any(path.resolve().is_relative_to(home) for home in homes):
+                found[path.name] = path
     return found
 
 

@@ -1,28 +1,38 @@
 """The same function for many tasks, in several processes or on a cluster, with a progress bar."""
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, as_completed
 from contextlib import closing
-from multiprocessing import get_context
+from functools import partial
+from multiprocessing import get_context, parent_process
+from pathlib import Path
+from types import MappingProxyType
 
-from activeslam_gym.evaluation.cluster import R, T, outcome, start_worker
+from activeslam_gym.evaluation.cluster import R, T, on_cluster, start_worker
 
 
 def run_all(
-    function: Callable[[T], R], tasks: Sequence[T], workers: int | Callable, finished: int | None, apart: bool = False
+    function: Callable[[T], R],
+    tasks: Sequence[T],
+    workers: int | str,
+    finished: int | None,
+    apart: bool = False,
+    files: Mapping[str, Path] = MappingProxyType({}),
 ) -> Generator[tuple[T, R], None, None]:
     """Yield the tasks with their results as they finish, under a progress bar; close the generator to end processes.
 
-    ``workers``: so many processes (one and not ``apart``: this one), or `on_cluster` with an address. ``finished``: of
-    the bar at its start, None is no bar. What fails is raised with the names of its episodes, when all others are over.
+    ``workers``: so many processes (one and not ``apart``: this one), or the address of a cluster, which is sent the
+    ``files``. ``finished``: of the bar at its start, None is no bar. What fails is raised with the names of its
+    episodes, when all others are over.
     """
     from tqdm import tqdm
 
-    outcomes = ((task, outcome(function, task)) for task in tasks)
-    if callable(workers):
-        outcomes = workers(function, tasks)
+    if isinstance(workers, str):
+        outcomes = on_cluster(partial(outcome, function, elsewhere=True), tasks, workers, files)
     elif tasks and (apart or min(workers, len(tasks)) > 1):
         outcomes = _in_processes(function, tasks, min(workers, len(tasks)))
+    else:
+        outcomes = ((task, outcome(function, task)) for task in tasks)
     before, failed = finished or 0, []
     bar = tqdm(total=before + sum(map(len, tasks)), initial=before, unit="episode", disable=finished is None)
     with bar, closing(outcomes):
@@ -34,6 +44,18 @@ def run_all(
                 yield task, result
     if failed:
         raise ValueError(f"{len(failed)} failed: {'; '.join(map(str, failed[:3]))}") if failed[1:] else failed[0]
+
+
+def outcome(function: Callable[[T], R], task: T, elsewhere: bool = False) -> R | Exception:
+    """`function(task)`, or its error; SystemExit is one too, and Ctrl-C in another process: the parent alone has it."""
+    try:
+        return function(task)
+    except Exception as error:
+        return error
+    except BaseException as error:
+        if parent_process() is None and not elsewhere and not isinstance(error, SystemExit):
+            raise
+        return ChildProcessError(f"{task[0]}: {type(error).__name__} ended it before its episode was over")
 
 
 def _in_processes(

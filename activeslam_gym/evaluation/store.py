@@ -15,7 +15,6 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from activeslam_gym.evaluation.cluster import on_cluster
 from activeslam_gym.evaluation.code import LIBRARIES, foreign_parts, package_sources, package_versions
 from activeslam_gym.evaluation.parallel import run_all
 from activeslam_gym.files import remove_unfinished, written_whole
@@ -57,7 +56,7 @@ class Store:
         self.folder, self.workers = folder, workers
 
     def load(self, label: str, key: Key) -> Arrays | None:
-        """The result of ``key``, or None where it is not there. Raises ValueError where its file is damaged."""
+        """The result of ``key``, or None where it is not there, or its file is damaged, which is printed."""
         path = self._path(label, key)
         if path is None or not path.exists():
             return None
@@ -65,7 +64,8 @@ class Store:
             with np.load(path, allow_pickle=False) as file:
                 return {name: file[name] for name in set(file.files) - {"key"}}
         except Exception as error:  # readers of archives and arrays raise a dozen kinds
-            raise ValueError(f"{str(path)!r} cannot be read: {type(error).__name__}: {error}") from error
+            print(f"Played again: {str(path)!r} cannot be read: {type(error).__name__}: {error}")
+            return None
 
     def save(self, label: str, key: Key, arrays: Arrays) -> None:
         """Keep a result, whole or not at all."""
@@ -78,14 +78,9 @@ class Store:
 
     def of(self, label: str, key: Key, make: Callable[[], Arrays]) -> Arrays:
         """The result of ``key``, kept or made now."""
-        try:
-            kept = self.load(label, key)
-        except ValueError as damaged:
-            print(f"Played again: {damaged}")
-            kept = None
-        if kept is None:
-            self.save(label, key, kept := make())
-        return kept
+        if (found := self.load(label, key)) is None:
+            self.save(label, key, found := make())
+        return found
 
     def gather(
         self,
@@ -102,28 +97,22 @@ class Store:
         unless ``apart``; a cluster is sent the ``files``. Kept results of the jobs ``anew`` are replaced. Close the
         generator (or exhaust it) to end them. Raises as `parallel.run_all`, after all others, where some jobs fail.
         """
-        missing, damaged = [], 0
+        missing = []
         if self.folder:
             remove_unfinished(self.folder)
         for job in jobs:
-            try:
-                arrays = None if job in anew else self.load(job.label, job.key)
-            except ValueError:
-                arrays, damaged = None, damaged + 1
+            arrays = None if job in anew else self.load(job.label, job.key)
             if arrays is None:
                 missing.append(job)
             else:
                 yield job, arrays
-        if (kept := len(jobs) - len(missing)) or damaged:
-            again = f"; {damaged} damaged, played again" if damaged else ""
-            print(f"{kept} of {len(jobs)} episodes are kept from an earlier command{again}.", flush=True)
+        if kept := len(jobs) - len(missing):
+            print(f"{kept} of {len(jobs)} episodes are kept from an earlier command.", flush=True)
         if not missing:
             return
         groups = [list(group) for _, group in groupby(missing, lambda job: job.group)]
         parts = [tuple(group[i : i + batch]) for group in groups for i in range(0, len(group), batch)]
-        workers = self.workers
-        on = workers if isinstance(workers, int) else partial(on_cluster, address=workers, files=files)
-        with closing(run_all(partial(_made, play), parts, on, kept, apart)) as finished:
+        with closing(run_all(partial(_made, play), parts, self.workers, kept, apart, files)) as finished:
             for part, results in finished:
                 for job, (arrays, packed) in zip(part, results, strict=True):
                     self._write(job.label, job.key, packed)

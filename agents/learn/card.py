@@ -1,6 +1,7 @@
 """The card of learned weights: how they were trained, their results, and their limits."""
 
 import json
+import platform
 from pathlib import Path
 from typing import Any
 
@@ -8,9 +9,9 @@ import numpy as np
 
 from activeslam_gym import BEHAVIOUR
 from activeslam_gym.config import positive_number
+from activeslam_gym.evaluation.code import machine, package_versions
 from agents.learn.recipe import ALGORITHMS
 from agents.tools.files import reading
-from agents.tools.machine import machine, versions
 
 FLOOR = -100.0  # least count of a validation episode, as much as the failure penalty: one does not choose the weights
 CARD = "card"  # name of the card among the arrays of a file of weights
@@ -36,7 +37,7 @@ def card_of(recipe: dict[str, Any], steps: int, seconds: float, validation_episo
         "seconds": round(seconds, 1),
         "chosen": best if validation_episodes else "the last of an interrupted training, before any validation",
         "machine": machine(),
-        "versions": versions(PACKAGES),
+        "versions": {"python": platform.python_version()} | package_versions(PACKAGES),
         "limits": LIMITS,
     }
 

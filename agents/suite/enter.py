@@ -1,17 +1,72 @@
-"""`python -m agents enter`: play a suite and write the entry."""
+"""`python -m agents enter`: play a suite and write the entry.
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+An entry is a policy, or a learner's policies of several training seeds, with its score in every episode of a suite: a
+folder of its name with ``entry.json`` and, for learned policies, their weights.
+"""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
-from activeslam_gym.evaluation import Store
+import numpy as np
+from numpy.typing import NDArray
+
+from activeslam_gym.evaluation import Episode, Store, outcome
+from activeslam_gym.evaluation.code import LIBRARIES, machine, package_versions
+from activeslam_gym.files import text_of
 from agents import policies, pretrained
 from agents.learn.card import read_card
-from agents.suite import entry as entries
 from agents.suite.manifest import Suite, suite
-from agents.task import check, play_until_interrupted, step_once
+from agents.task import Task, check, play_until_interrupted
 from agents.tools.arguments import Workers, given, within
-from agents.tools.files import alone_in, writable_folder, write_json
+from agents.tools.files import alone_in, reading, writable_folder, write_json
+
+FOLDER, FILE = Path(__file__).with_name("entries"), "entry.json"
+EPISODES = "episodes"  # folder of the store, beside those of entries
+VERSIONS = ("activeslam-gym", *LIBRARIES)
+COST = ("command", "scenario", "seed", "steps", "seconds", "steps_trained", "seconds_trained", "machine")  # of a card
+TUPLES = ("policies", "contents", "training")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What is in an entry's file. P policies, one of each training seed; E episodes of each scenario."""
+
+    name: str
+    suite: str
+    manifest: str  # its digest
+    commit: str  # of the draw of the test seeds
+    behaviour: int
+    policies: tuple[str, ...]  # P names; of weights, the file beside the entry's
+    contents: tuple[str, ...]  # P digests of the policies' own files
+    versions: dict[str, str]  # of `VERSIONS`
+    machine: str
+    training: tuple[dict[str, Any], ...]  # of each learned policy, `COST`
+    note: str  # what the author says of it
+    scores: dict[str, list[list[float]]]  # scenario → (P, E) log score gained [bit]
+    lost: dict[str, list[list[int]]]  # scenario → (P, E) 1 where the belief was lost at some time
+
+    @property
+    def episodes(self) -> int:
+        """The number of episodes of each scenario."""
+        return len(next(iter(self.scores.values()))[0])
+
+    def first(self, count: int) -> "Entry":
+        """With the first ``count`` episodes of each scenario alone."""
+        scores = {scenario: [row[:count] for row in rows] for scenario, rows in self.scores.items()}
+        lost = {scenario: [row[:count] for row in rows] for scenario, rows in self.lost.items()}
+        return replace(self, scores=scores, lost=lost)
+
+    def gains(self, scenario: str) -> NDArray[np.float64]:
+        """The scores (P, E) in a scenario [bit]."""
+        return np.array(self.scores[scenario])
+
+    def failed(self, scenario: str) -> NDArray[np.bool_]:
+        """(P, E): lost, or overconfident, which is a score under 0."""
+        return (np.array(self.lost[scenario]) > 0) | (self.gains(scenario) < 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +90,7 @@ class Args(Workers):
         super().__post_init__()
         within(self, **({} if self.episodes is None else {"episodes": (1, 10**6)}))
         given(self, "name", "policies")
-        entries.check_name(self.name)
+        check_name(self.name)
         if not self.note.isprintable():
             raise ValueError(f"note: {self.note!r}; allowed: one line of printable text")
 
@@ -49,22 +104,21 @@ def main(args: Args) -> int:
     with alone_in(folder):
         names = _beside(args.policies, folder)
         environments = [of.environment(one) for one in of.scenarios]
-        check(names, environments)
-        path = folder / entries.FILE
-        if kept := entries.finished(path, args.name, names, of, count):
+        path = folder / FILE
+        if kept := finished(path, args.name, names, of, count):
             write_json(path, asdict(replace(kept, note=args.note)))
             print(f"{path} is of this BEHAVIOUR and these policies already. To play it again, delete it.")
             return 0
-        wanted = entries.tasks(names, of, count)
-        step_once(names, environments, wanted[0].seed)
+        wanted = tasks(names, of, count)
+        check(names, environments, wanted[0].seed)
         print(f"{len(names)} policies, {len(of.scenarios)} scenarios, {count} episodes each: {len(wanted)} episodes.")
-        episodes = play_until_interrupted(wanted, Store(args.out / entries.EPISODES, args.workers))
+        episodes = play_until_interrupted(wanted, Store(args.out / EPISODES, args.workers))
         if len(episodes) < len(wanted):
             print("Run the same command to continue.")
             return 130
         found = {(one.policy, one.settings, one.seed): one for one in episodes}
         runs = [found[task.policy, task.settings, task.seed] for task in wanted]
-        write_json(path, asdict(entries.made(args.name, names, of, args.note, runs)))
+        write_json(path, asdict(made(args.name, names, of, args.note, runs)))
     print(f"Written to {path}. Check it: python -m agents verify {path}")
     return 0
 
@@ -93,3 +147,104 @@ def _beside(names: Sequence[str], folder: Path) -> list[str]:
         if card is not None:
             write_json(copy.with_suffix(".json"), card)
     return beside
+
+
+def tasks(names: Sequence[str], suite: Suite, episodes: int) -> list[Task]:
+    """Every episode of an entry, by scenario, policy and index."""
+    return [
+        Task(policy, seed, json.dumps(suite.environment(scenario)))
+        for scenario in suite.scenarios
+        for policy in names
+        for seed in suite.seeds(scenario, episodes)
+    ]
+
+
+def made(name: str, names: Sequence[str], suite: Suite, note: str, runs: Sequence[Episode]) -> Entry:
+    """The entry of the ``runs`` of all `tasks` of the policies ``names``, in their order.
+
+    Raises:
+        ValueError: a score is not finite.
+    """
+    rows = [outcome(run) for run in runs]
+    if wrong := [row for row in rows if not np.isfinite(row["log_score_gain"])]:
+        raise ValueError(f"policies: {wrong[0]['policy']!r}, seed {wrong[0]['seed']}: its score is not finite")
+
+    def by_scenario(key: str) -> dict[str, Any]:
+        values = np.reshape([row[key] for row in rows], (len(suite.scenarios), len(names), -1))
+        return dict(zip(suite.scenarios, values.tolist()))
+
+    return Entry(
+        **decisive(name, names, suite),
+        versions=package_versions(VERSIONS),
+        machine=machine(),
+        training=tuple(map(cost_of, filter(pretrained.path_of, names))),
+        note=note,
+        scores=by_scenario("log_score_gain"),
+        lost=by_scenario("lost"),
+    )
+
+
+def finished(path: Path, name: str, names: Sequence[str], suite: Suite, episodes: int) -> Entry | None:
+    """The entry in the file, if it is of these policies, which hold no code, suite, ``episodes`` and `BEHAVIOUR`."""
+    try:
+        kept = read(path)
+    except ValueError:
+        return None
+    is_same = kept.episodes == episodes and not any(map(policies.holds_code, names))
+    is_same = is_same and decisive(name, names, suite).items() <= vars(kept).items()
+    return kept if is_same else None
+
+
+def decisive(name: str, names: Sequence[str], suite: Suite) -> dict[str, Any]:
+    """The fields of an entry that decide its scores, but for versions and the processor."""
+    return {
+        "name": name,
+        "suite": suite.name,
+        "manifest": suite.digest,
+        "commit": suite.commit,
+        "behaviour": suite.behaviour,
+        "policies": tuple(Path(one).name if one.endswith(policies.FILES) else one for one in names),
+        "contents": tuple(map(policies.content, names)),
+    }
+
+
+def cost_of(policy: str) -> dict[str, Any]:
+    """What the card of learned weights says of their training."""
+    path = pretrained.path_of(policy)
+    assert path is not None
+    card: Mapping[str, Any] = read_card(path)
+    return {name: card[name] for name in COST if name in card}
+
+
+def check_name(name: str) -> None:
+    """Raise ValueError for a name that no entry may have."""
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}", name) or name.lower() == EPISODES:
+        allowed = f"100 letters, digits and, not in front, '_', '-', '.'; but not {EPISODES!r}"
+        raise ValueError(f"name: {name[:200]!r}; allowed: {allowed}")
+
+
+def read(path: Path) -> Entry:
+    """The entry in a file.
+
+    Raises:
+        ValueError: there is none, or it is damaged: a field is missing or unknown, or what it says does not fit.
+    """
+    with reading(path):
+        given = json.loads(text_of(path, 2**26))
+        if wrong := sorted({field.name for field in fields(Entry)} ^ given.keys()):
+            raise ValueError(f"missing or unknown: {', '.join(wrong)}")
+        values: dict[str, Any] = {name: tuple(value) if name in TUPLES else value for name, value in given.items()}
+        entry = Entry(**values)
+        check_name(entry.name)
+        count, tables = len(entry.policies), [np.array(list(one.values())) for one in (entry.scores, entry.lost)]
+        sizes, numbers = {one.shape for one in tables}, all(one.dtype.kind in "if" for one in tables)
+        if entry.scores.keys() != entry.lost.keys() or sizes != {(len(entry.scores), count, entry.episodes)}:
+            raise ValueError(f"scores and lost are of {count} policies, and of the shapes {sizes}")
+        if not numbers or not np.isfinite(tables[0]).all() or not np.isin(tables[1], (0, 1)).all():
+            raise ValueError("scores must be finite numbers, and lost 0 or 1")
+        files = [one for one, name in zip(entry.contents, entry.policies) if name.endswith(policies.FILES)]
+        if len(entry.contents) != count or len(set(files)) < len(files):
+            raise ValueError(f"contents: {len(entry.contents)} of {count} policies, or two files are the same")
+        if len(entry.training) != sum(name.endswith(".npz") for name in entry.policies):
+            raise ValueError(f"training: {len(entry.training)}; allowed: one of each policy in a file of weights")
+        return entry

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.suite import entry as entries
-from agents.suite.entry import Entry
+from agents.suite import enter
+from agents.suite.enter import Entry
 from agents.suite.manifest import Suite, suite
 from agents.tools.arguments import Pages
 from agents.tools.sections import Table, put_section
@@ -29,7 +29,7 @@ SHORT_ROWS, SHORT_COLUMNS = 6, 4
 class Args(Pages):
     """Make the leaderboard of the entries in a folder."""
 
-    entries: Path = entries.FOLDER
+    entries: Path = enter.FOLDER
     """Folder that holds NAME/entry.json for each entry."""
     suite: str = "development"
     """Suite whose entries are shown: a name, or a manifest of your own (NAME.json)."""
@@ -42,7 +42,7 @@ def main(args: Args) -> int:
     of = suite(args.suite)
     count = of.played(args.episodes)
     args.check_pages(SECTION, SHORT)
-    found = [one for path in sorted(args.entries.glob(f"*/{entries.FILE}")) if (one := _read(path)).suite == of.name]
+    found = [one for path in sorted(args.entries.glob(f"*/{enter.FILE}")) if (one := _read(path)).suite == of.name]
     for short in (one for one in found if one.episodes < count):
         print(f"Left out: {short.name}, which has {short.episodes} of {count} episodes.")
     found = [one.first(count) for one in found if one.episodes >= count]
@@ -200,7 +200,7 @@ def _training(entry: Entry, of: Suite) -> str:
 
 
 def _read(path: Path) -> Entry:
-    entry = entries.read(path)
+    entry = enter.read(path)
     if entry.name != path.parent.name:
         raise ValueError(f"entries: {str(path)!r} is named {entry.name!r}; allowed: the name of its folder")
     return entry

@@ -67,18 +67,13 @@ def drawn_seed(commit: str, scenario: str, index: int) -> int:
     return low + int.from_bytes(drawn[:8], "big") % (high - low)
 
 
-def manifest_of(name: str) -> Path:
-    """The manifest of a suite, by the suite's name or by the file (NAME.json)."""
-    return Path(name) if name.endswith(".json") else FOLDER / f"{name}.json"
-
-
 def suite(name: str) -> Suite:
     """The suite of that name, or of a manifest of your own (NAME.json).
 
     Raises:
         ValueError: there is none; its manifest is damaged, has changed since its draw, or is of another `BEHAVIOUR`.
     """
-    path = manifest_of(name)
+    path = Path(name) if name.endswith(".json") else FOLDER / f"{name}.json"
     if not path.is_file():
         known = ", ".join(sorted(one.stem for one in FOLDER.glob("*.json")))
         raise ValueError(f"suite: {name!r}; allowed: {known}, a manifest of your own (NAME.json)")

@@ -13,19 +13,17 @@ import tyro
 
 from activeslam_gym.config import IMAGE_SCENARIOS
 from activeslam_gym.evaluation import Store, outcome
-from activeslam_gym.evaluation.code import package_versions, processor
+from activeslam_gym.evaluation.code import machine, package_versions, processor
 from agents import policies
-from agents.suite import entry as entries
-from agents.suite.entry import Entry
+from agents.suite import enter
+from agents.suite.enter import Entry
 from agents.suite.manifest import Suite, suite
-from agents.task import Task, check, play_until_interrupted, step_once
+from agents.task import Task, check, play_until_interrupted
 from agents.tools.arguments import Workers
-from agents.tools.machine import machine
 from agents.tools.sections import in_a_line
 
 TOLERANCE = 1e-5  # relative, and absolute [bit]: that of the recorded runs
 IMAGE_SHARE = 0.1  # of the image episodes is replayed
-MOST_SHOWN = 10  # differences that are shown one by one
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,19 +40,19 @@ class Args(Workers):
 
 def main(args: Args) -> int:
     """Verify; the exit status: 0, 1 where something differs, 130 when interrupted. Raises ValueError as `read` does."""
-    entry = entries.read(args.entry)
+    entry = enter.read(args.entry)
     of = suite(args.suite or entry.suite)
     names = [_beside(name, args.entry.parent) for name in entry.policies]
     sys.path.append(str(args.entry.parent.resolve()))  # the entrant's modules do not take the place of others
-    if wrong := _of_another_suite(entry, of) or _changed(entry, names):
+    _tell_of_other_versions(entry)
+    if wrong := _differs(entry, of, names):
         _say(*wrong, f"{args.entry}: differs; nothing was replayed.")
         return 1
     if own := list(filter(policies.holds_code, names)):
         _say(f"This runs the entrant's code: {', '.join(own)}.")
     environments = [of.environment(one) for one in of.scenarios]
-    check(names, environments)
     chosen = _chosen(entry, of, names)
-    step_once(names, environments, next(iter(chosen)).seed)
+    check(names, environments, next(iter(chosen)).seed)
     runs = play_until_interrupted(list(chosen), Store(args.out, args.workers))
     places = {(task.policy, task.settings, task.seed): place for task, place in chosen.items()}
     differences = []
@@ -66,12 +64,11 @@ def main(args: Args) -> int:
             now = f"{row['log_score_gain']:.6f}, lost {row['lost']}"
             where = f"{scenario}, {entry.policies[policy]}, episode {index}"
             differences.append(f"{where}: {kept:.6f}, lost {lost}; replayed: {now}")
-    more = [f"… and {len(differences) - MOST_SHOWN} more."] if len(differences) > MOST_SHOWN else []
     done = f"{len(runs)} of {len(of.scenarios) * len(names) * entry.episodes} episodes replayed"
     verdict = f"{done}, {len(differences)} with other scores: the entry {'differs' if differences else 'holds'}."
     if len(runs) < len(chosen):
         verdict = f"{done}. Run the same command to continue."
-    _say(*differences[:MOST_SHOWN], *more, verdict)
+    _say(*differences, verdict)
     return 130 if len(runs) < len(chosen) else int(bool(differences))
 
 
@@ -94,24 +91,18 @@ def _beside(name: str, folder: Path) -> str:
     return str(path)
 
 
-def _of_another_suite(entry: Entry, of: Suite) -> list[str]:
-    """The lines in which the entry differs from its suite."""
-    pairs = {"manifest": of.digest, "commit": of.commit, "behaviour": of.behaviour}
-    found = [
-        f"{name}: {getattr(entry, name)!r}; the suite {of.name!r} has {value!r}"
-        for name, value in pairs.items()
-        if getattr(entry, name) != value
-    ]
-    if tuple(entry.scores) != of.scenarios:
-        found.append(f"scenarios: {', '.join(entry.scores)}; the suite has {', '.join(of.scenarios)}")
-    if entry.episodes > of.episodes:
-        found.append(f"episodes: {entry.episodes}; the suite has {of.episodes}")
-    return found
+def _differs(entry: Entry, of: Suite, names: list[str]) -> list[str]:
+    """The lines in which the entry differs from its suite and from the files beside it."""
+    expected = enter.decisive(entry.name, names, of) | {"scenarios": of.scenarios}
+    expected["training"] = tuple(map(enter.cost_of, (name for name in names if name.endswith(".npz"))))
+    stated = vars(entry) | {"scenarios": tuple(entry.scores)}
+    found = [f"{name}: {stated[name]}; allowed: {value}" for name, value in expected.items() if stated[name] != value]
+    return found + ([f"episodes: {entry.episodes}; allowed: {of.episodes}"] if entry.episodes > of.episodes else [])
 
 
-def _changed(entry: Entry, names: list[str]) -> list[str]:
-    """The policies and costs that are not those of the files here. Of other versions a line is printed."""
-    versions = package_versions(entries.VERSIONS)
+def _tell_of_other_versions(entry: Entry) -> None:
+    """Print what is not as on the entrant's machine."""
+    versions = package_versions(enter.VERSIONS)
     others = [
         f"{one} {entry.versions.get(one)} → {now}" for one, now in versions.items() if entry.versions.get(one) != now
     ]
@@ -119,18 +110,12 @@ def _changed(entry: Entry, names: list[str]) -> list[str]:
         others.append(f"{entry.machine} → {machine()}")
     if others:
         _say(f"Not as on the entrant's machine: {', '.join(others)}.")
-    pairs = zip(entry.policies, entry.contents, map(policies.content, names))
-    wrong = [f"{name}: its files are not the entry's ({kept} → {now})" for name, kept, now in pairs if kept != now]
-    weights = [name for name in names if name.endswith(".npz")]
-    if list(entry.training) != [entries.cost_of(name) for name in weights]:
-        wrong.append("training: not that of the weights' cards")
-    return wrong
 
 
 def _chosen(entry: Entry, of: Suite, names: list[str]) -> dict[Task, tuple[str, int, int]]:
     """The episodes to replay, each with its place in the entry: scenario, policy, index."""
     shape = len(of.scenarios), len(names), entry.episodes
-    tasks = np.reshape(np.array(entries.tasks(names, of, entry.episodes), dtype=object), shape)
+    tasks = np.reshape(np.array(enter.tasks(names, of, entry.episodes), dtype=object), shape)
     rng, chosen = np.random.default_rng(), {}  # other episodes each time: an entrant cannot know them
     for s, policy in np.ndindex(*shape[:2]):
         scenario = of.scenarios[s]

@@ -1,13 +1,14 @@
 """Tables, and generated sections of Markdown pages that people write."""
 
+import platform
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import NamedTuple
 
+from activeslam_gym.evaluation.code import code, machine, package_versions
 from agents.tools.files import reading, writable_folder, write_text
-from agents.tools.machine import code, machine, versions
 
 PACKAGES = ("activeslam-gym", "gymnasium", "numba", "numpy")
 
@@ -51,13 +52,9 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], rule: str = "") 
 
 def provenance(command: str) -> str:
     """The command, the day, the machine, the versions and the code, as Markdown."""
+    versions = ", ".join(f"{name} {version}" for name, version in package_versions(PACKAGES).items())
     day = f"{datetime.now(timezone.utc):%Y-%m-%d}"
-    return f"```bash\n{command}\n```\n\n{day}; {machine()}; {listed(versions(PACKAGES))}, {code()}."
-
-
-def listed(versions: Mapping[str, str]) -> str:
-    """Names and versions in a line."""
-    return ", ".join(f"{name} {version}" for name, version in versions.items())
+    return f"```bash\n{command}\n```\n\n{day}; {machine()}; python {platform.python_version()}, {versions}, {code()}."
 
 
 def put_section(path: Path, name: str, text: str) -> bool:

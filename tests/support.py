@@ -259,7 +259,7 @@ def turn_of_everything(belief: Belief) -> np.ndarray:
 def assert_same_record(one: dict[str, Any], other: dict[str, Any]) -> None:
     """The same arrays of two episodes to the bit, wall-clock times apart."""
     assert set(one) == set(other)
-    for field in set(one) - {"decision_us", "step_us"}:
+    for field in set(one) - {"decision_us"}:
         np.testing.assert_array_equal(one[field], other[field], err_msg=field)
 
 

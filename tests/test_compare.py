@@ -51,7 +51,7 @@ def episode(policy: str = "stay", seed: int = 0, bits: float = 10.0, **changes: 
     values |= {"landmark_times": times[2:3], "landmark_log2_det": np.array([-20.0])}
     values |= {"estimated_landmarks": np.full((1, 3), 0.02), "landmark_covariance": np.eye(3)[None] * 1e-4}
     values |= {"actions": np.array([[2, 1]] * 4), "motion_read": np.array([True, False, True, False])}
-    values |= {"rewards": np.full(4, bits / 4), "decision_us": np.full(4, 7.0), "step_us": np.full(4, 9.0)}
+    values |= {"rewards": np.full(4, bits / 4), "decision_us": np.full(4, 7.0)}
     return Episode(**(values | changes))
 
 

@@ -57,7 +57,6 @@ class Episode:
     motion_read: Array  # (K,) bool: the step read its motion; elsewhere the one under way went on
     rewards: Array  # (K,)
     decision_us: Array  # (K,) microseconds of `predict`; of a batch, each episode's share
-    step_us: Array  # (K,) microseconds of `step`, likewise
 
     landmark_times: Array  # (J,) when the number of mapped landmarks first reached 1 … J [s]
     landmark_log2_det: Array  # (J,) log₂|P| of camera and map then
@@ -68,7 +67,6 @@ class Episode:
     estimated_landmarks: Array  # (n, 3) the mapped features at the end [m]
     landmark_covariance: Array  # (n, 3, 3) their covariances [m²]
 
-    lost_from: float = np.nan  # when it was lost first [s]; NaN for a belief that was not
     events: dict[str, Array] = field(default_factory=dict)  # of `info["events"]`: (K,) how often in each step
     notes: dict[str, Array] = field(default_factory=dict)  # what measures add, by name
 

@@ -76,17 +76,14 @@ def play(
     recorder.see(infos, False)
     state, first, over = None, True, np.zeros(len(rows), bool)
     while not over.any():
-        reads, clock = np.atleast_1d(core.motion_phase == 0), [perf_counter()]
+        reads, begun = np.atleast_1d(core.motion_phase == 0), perf_counter()
         start = np.full(len(rows), first)
         action, state = policy.predict(observation, state=state, episode_start=start, deterministic=True)
-        clock.append(perf_counter())
+        spent = 1e6 * (perf_counter() - begun) / len(rows)
         observation, reward, terminated, truncated, infos = env.step(action)
-        clock.append(perf_counter())
         first, over = False, np.atleast_1d(np.logical_or(terminated, truncated))
-        spent = np.diff(clock) * 1e6 / len(rows)
-        recorder.steps.append(
-            (_motions_and_gazes(action, batched), reads, np.atleast_1d(np.asarray(reward, float)), *spent)
-        )
+        paid = np.atleast_1d(np.asarray(reward, float))
+        recorder.steps.append((_motions_and_gazes(action, batched), reads, paid, spent))
         recorder.see(infos, bool(over.any()))
     if not over.all():
         raise ValueError("env: its episodes do not end together; allowed: a batch with end_when_lost=False")
@@ -127,7 +124,7 @@ class _Recorder:
 
     def episodes(self, name: str, seeds: Sequence[int], settings: str) -> list[Episode]:
         """The records, when the episodes are over."""
-        actions, reads, rewards, decisions, steps = (np.array(column) for column in zip(*self.steps, strict=True))
+        actions, reads, rewards, decisions = (np.array(column) for column in zip(*self.steps, strict=True))
         times, lost, mapped, log2_det = (np.array(column) for column in zip(*self._seen, strict=True))
         happened = self._events[1:]
         events = {key: np.array([np.atleast_1d(one[key]) for one in happened], np.int32) for key in happened[0]}
@@ -137,10 +134,10 @@ class _Recorder:
             record: dict[str, Any] = {
                 **_stacked(self._samples[i]),
                 **{"actions": actions[:, i], "motion_read": reads[:, i], "rewards": rewards[:, i]},
-                **{"decision_us": decisions, "step_us": steps},
+                "decision_us": decisions,
                 **{"landmark_times": times[firsts], "landmark_log2_det": log2_det[firsts, i]},
                 **_final(core),
-                **{"lost": bool(lost[:, i].any()), "lost_from": next(iter(times[lost[:, i]].tolist()), np.nan)},
+                "lost": bool(lost[:, i].any()),
                 "events": {key: count[:, i] for key, count in events.items()},
                 "room_size": np.array(core.scenario.room_size, dtype=float),
             }

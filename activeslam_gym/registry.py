@@ -1,94 +1,67 @@
-"""Registries: the criteria, rewards, estimators, sensors and scenarios that are chosen by name."""
+"""Parts by name or as objects: scenes, sensors, estimators, criteria and rewards, the package's own and a user's."""
 
 import difflib
 import numbers
-from collections.abc import Callable, Iterable
-from typing import Any, TypeVar
+from collections.abc import Callable, Iterable, Mapping
+from functools import reduce
+from importlib import import_module
+from typing import Any
 
 import numpy as np
 
-Entry = TypeVar("Entry")
-
-_GREATEST = 1e300  # a registered function's values are below it, so that differences and sums of them are finite
-REGISTERED = -1  # in place of its number: an entry that is not one of the package's own
+FOREIGN = -1  # in place of its number: a part that is not one of the package's own
+_GREATEST = 1e300  # a foreign function's values are below it, so that differences and sums of them are finite
 
 
-class Registry(dict[str, Entry]):
-    """Entries of one ``kind``, such as "criterion", by name; `register` adds one at run time."""
+def part_of(argument: str, given: Any, own: Mapping[str, Any]) -> Any:
+    """The part that an ``argument`` gives: an object as it is, or by name: one of ``own``, or 'package.module:name'.
 
-    kind = "name"
-    reserved: tuple[str, ...] = ()
-    """Names that no entry may have from now on: those of the package's own entries, and others."""
-    own: tuple[str, ...] = ()  # names of the package's own entries, by number
+    Raises:
+        ValueError: there is no such part; the message lists those that there are.
+    """
+    if isinstance(given, str) and given in own:
+        return own[given]
+    if isinstance(given, str) and ":" in given:
+        module, _, name = given.partition(":")
+        try:
+            return reduce(getattr, name.split("."), import_module(module))
+        except Exception as error:
+            why = f"{type(error).__name__}: {error}"
+            raise ValueError(f"{argument}: {given!r} cannot be imported ({why})") from error
+    if isinstance(given, str) or not callable(given):
+        allowed = f"one of {', '.join(own)}, 'package.module:name', or an object that can be called"
+        raise ValueError(f"{argument} must be {allowed}, got {given!r}{did_you_mean(given, own)}")
+    return given
 
-    def __init__(self, kind: str, entries: dict[str, Entry] | None = None) -> None:
-        super().__init__(entries or {})
-        self.kind = kind
-        REGISTRIES.append(self)
 
-    def register(self, name: str) -> Callable[[Any], Any]:
-        """Decorator that adds an entry, or replaces the registered one of that name.
+def number_of(argument: str, given: Any, own: Mapping[str, Any]) -> int:
+    """The number by which kernels know one of ``own``, or FOREIGN; raises as `part_of`."""
+    part_of(argument, given, own)
+    return list(own).index(given) if isinstance(given, str) and given in own else FOREIGN
 
-        Raises:
-            ValueError: ``name`` is not a string, empty, or the name of one of the package's own.
-        """
 
-        def enter(entry: Any) -> Any:
-            self[name] = entry
-            return entry
+def name_of(part: Any) -> str:
+    """The name of a part, for messages: 'package.module:name' of a class or a function."""
+    if isinstance(part, str):
+        return part
+    name = getattr(part, "__qualname__", None)
+    return f"{part.__module__}:{name}" if name else repr(part)[:80]
 
-        return enter
 
-    def seal(self, *reserved: str) -> list[Entry]:
-        """The entries so far, which become the package's own. Nothing can replace them or have a ``reserved`` name."""
-        self.own = tuple(self)
-        self.reserved = (*self.own, *reserved)
-        return list(self.values())
+def number_from(what: str, function: Callable[..., Any], *arguments: Any, where: str) -> float:
+    """The value of a foreign function, a finite number.
 
-    def __setitem__(self, name: str, entry: Entry) -> None:
-        if not isinstance(name, str) or not name:
-            raise ValueError(f"the name of a registered {self.kind} must be a string, got {name!r}")
-        if name in self.reserved:
-            raise ValueError(f"the name of a registered {self.kind} must be none of the package's own, got {name!r}")
-        super().__setitem__(name, entry)
-
-    def __getitem__(self, name: Any) -> Entry:
-        """The entry of that name; raises as `require`."""
-        self.require(name)
-        return super().__getitem__(name)
-
-    def require(self, name: Any, argument: str = "") -> None:
-        """Check the ``name`` that an ``argument`` gives.
-
-        Raises:
-            ValueError: there is no such entry; the message lists those that there are.
-        """
-        if not isinstance(name, str) or name not in self:
-            raise ValueError(
-                f"{argument or self.kind} must be one of {', '.join(self)}, got {name!r}{did_you_mean(name, self)}"
-            )
-
-    def number(self, name: Any) -> int:
-        """The number by which kernels know one of the package's own entries, or REGISTERED; raises as `require`."""
-        self.require(name)
-        return self.own.index(name) if name in self.own else REGISTERED
-
-    def value(self, name: str, where: str, *arguments: Any) -> float:
-        """The value of an entry that is a function; a registered one must return a finite number.
-
-        Raises:
-            ValueError: a registered one fails or returns anything else; the message names it, and tells ``where``.
-        """
-        if name in self.own:
-            return self[name](*arguments)  # type: ignore[operator]
-        value = asked(f"{self.kind} {name!r}", self[name], *arguments, where=f" {where}")  # type: ignore[arg-type]
-        if not isinstance(value, numbers.Real) or not abs(value) < _GREATEST:  # type: ignore[operator]
-            raise ValueError(f"{self.kind} {name!r} must return a finite number {where}, got {value!r:.300}")
-        return float(value)
+    Raises:
+        ValueError: it fails, or returns anything else; the message begins with ``what``, and tells ``where``.
+    """
+    value = asked(what, function, *arguments, where=f" {where}")
+    if not isinstance(value, numbers.Real) or not abs(value) < _GREATEST:  # type: ignore[operator]
+        raise ValueError(f"{what} must return a finite number {where}, got {value!r:.300}")
+    return float(value)
 
 
 def asked(what: str, answer: Callable[..., Any], *arguments: Any, where: str = "") -> Any:
-    """What a registered part answers; where it fails, a ValueError that begins with ``what``."""
+    """What a foreign part answers; where it fails, a ValueError that begins with ``what``."""
     try:
         return answer(*arguments)
     except Exception as error:
@@ -123,6 +96,3 @@ def did_you_mean(word: Any, known: Iterable[str]) -> str:
     names = {one.lower(): one for one in known}
     near = difflib.get_close_matches(str(word)[:80].lower(), names, 1)
     return f" (did you mean {names[near[0]]!r}?)" if near else ""
-
-
-REGISTRIES: list[Registry[Any]] = []  # all registries of this process

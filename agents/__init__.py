@@ -21,7 +21,7 @@ def load(name: str, env: Environment, folder: Path | None = None, seed: int | Se
 
     Args:
         name: A baseline, shipped weights, a file of weights (policy.npz), a model of Stable-Baselines3 (model.zip),
-            'rllib:FOLDER' or the user's own 'package.module:factory'.
+            'rllib:FOLDER' or the user's own 'package.module:policy'.
         env: The environment, single or a batch, whose belief or time the policy follows.
         folder: Where ``name`` is the stem of a file of weights; if not given, all names are known.
         seed: Of a random policy; in a batch one for each environment.

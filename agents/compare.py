@@ -22,7 +22,7 @@ class Args(Workers, Pages):
     """Compare policies in the same held-out episodes; write a table, CSV, JSON and figures."""
 
     policies: tuple[str, ...] = ("mi-constant", "mi-mi", "mi-fisher", "sweep")
-    """Policies: names, weight files (.npz), models of Stable-Baselines3 (.zip) or 'package.module:factory'."""
+    """Policies: names, weight files (.npz), models of Stable-Baselines3 (.zip) or 'package.module:policy'."""
     episodes: int = 8
     """Episodes of each policy in each scenario."""
     seed: int = 1_000_000

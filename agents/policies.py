@@ -11,7 +11,7 @@ from zipfile import ZipFile
 
 import baselines
 from activeslam_gym.config import did_you_mean
-from activeslam_gym.evaluation import Predictor
+from activeslam_gym.evaluation import Predictor, bound
 from activeslam_gym.evaluation.code import digest
 from agents import pretrained
 from agents.tools.files import reading
@@ -30,7 +30,7 @@ def resolve(name: str, env: Environment, seed: int | Sequence[int] = 0) -> Predi
 
 
 def factory(name: str) -> Factory:
-    """Return the factory of the policy `name`: a baseline, shipped weights, a file, 'package.module:factory', or
+    """Return the factory of the policy `name`: a baseline, shipped weights, a file, 'package.module:policy', or
     'rllib:FOLDER'.
 
     Raises ValueError, which lists the allowed names, for an unknown one.
@@ -41,7 +41,7 @@ def factory(name: str) -> Factory:
         return lambda env, seed: CheckpointPolicy(_at(name), env)
     if ":" in name:
         make = _imported(name)
-        return lambda env, seed: _predictor(make(env))
+        return lambda env, seed: bound(make, env)
     if name in baselines.names():
         return lambda env, seed: baselines.make(name, env, **({"seed": seed} if name == "random" else {}))
     if (path := file_of(name)) and path.suffix == ".npz":
@@ -51,7 +51,7 @@ def factory(name: str) -> Factory:
     if name.endswith(FILES):
         raise ValueError(f"policy: {name!r} is no file of weights")
     known = [*baselines.names(), *pretrained.names()]
-    allowed = f"{', '.join(known)}, a file of weights (policy.npz, or model.zip of SB3), 'package.module:factory',"
+    allowed = f"{', '.join(known)}, a file of weights (policy.npz, or model.zip of SB3), 'package.module:policy',"
     allowed += " rllib:FOLDER"
     raise ValueError(f"policy: {name!r} is unknown{did_you_mean(name, known)}; allowed: {allowed}")
 
@@ -131,13 +131,6 @@ def described(error: BaseException) -> str:
     return f"{type(error).__name__}: {lines[0] if lines else ''}{where}"
 
 
-def _predictor(made: Any) -> Predictor:
-    """What a user's factory has made, if it is a policy."""
-    if not callable(getattr(made, "predict", None)):
-        raise ValueError(f"its factory made {made!r}; allowed: an object with predict(observation, …)")
-    return made
-
-
 def _saved_model(path: Path, env: Environment) -> Predictor:
     """The policy in a file that Stable-Baselines3 or sb3-contrib has saved."""
     from stable_baselines3.common.save_util import load_from_zip_file
@@ -153,10 +146,10 @@ def _saved_model(path: Path, env: Environment) -> Predictor:
 
 
 def _imported(name: str) -> Callable[[Environment], Any]:
-    """The user's own 'package.module:factory'."""
+    """The user's own 'package.module:policy'."""
     module, _, attribute = name.partition(":")
     try:
         return getattr(importlib.import_module(module), attribute)
     except (Exception, SystemExit) as error:
-        allowed = "'package.module:factory'"
+        allowed = "'package.module:policy'"
         raise ValueError(f"policy: {name!r} cannot be imported ({described(error)}); allowed: {allowed}") from error

@@ -5,7 +5,7 @@ import json
 import re
 from collections.abc import Generator, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from inspect import getfile
 from pathlib import Path
@@ -14,7 +14,7 @@ from typing import Any
 import gymnasium as gym
 
 import activeslam_gym  # noqa: F401  (registers the environment)
-from activeslam_gym.config import IMAGE_SCENARIOS
+from activeslam_gym.config import IMAGE_SCENARIOS, fields_of
 from activeslam_gym.evaluation import Episode, Measure, Observer, Store, play
 from activeslam_gym.evaluation.code import digest, foreign_modules, own_files, package_sources
 from activeslam_gym.evaluation.parallel import run_all
@@ -93,9 +93,10 @@ def play_until_interrupted(
 def _files(tasks: Sequence[Task]) -> dict[str, Path]:
     """What these tasks need on another machine beside the clone: path in a working folder there → path here."""
     names = {task.policy for task in tasks}
-    scenarios = (json.loads(settings).get("scenario") for settings in {task.settings for task in tasks})
+    settings = {task.settings for task in tasks}
+    scenarios = (json.loads(one).get("scenario") for one in settings)
     own = {one.partition(":")[0] for one in (*names, *scenarios) if isinstance(one, str) and ":" in one}
-    return {**own_files(own | foreign_modules()), **policies.files(names)}
+    return {**own_files(own.union(*map(foreign_modules, settings))), **policies.files(names)}
 
 
 def play_tasks(tasks: Sequence[Task]) -> list[Arrays]:
@@ -194,4 +195,4 @@ def _resolved(settings: str) -> dict[str, Any]:
     times = {name: getattr(core, name) for name in ("gaze_period", "motion_period", "duration")}
     defaults = {"end_when_lost": False, "lost_position_error": 0.5, "reward": "entropy"}
     env.close()
-    return {**defaults, **given, **times, "id": id, "scenario": asdict(core.scenario)}
+    return {**defaults, **given, **times, "id": id, "scenario": fields_of(core.scenario)}

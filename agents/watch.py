@@ -34,7 +34,7 @@ class Args:
     """Watch an episode in a window or, with --save or --tum, in files."""
 
     policies: tuple[str, ...] = ("mi-fisher",)
-    """Policies: names, weight files (.npz), models of Stable-Baselines3 (.zip) or 'package.module:factory'."""
+    """Policies: names, weight files (.npz), models of Stable-Baselines3 (.zip) or 'package.module:policy'."""
     seed: int = 1_000_000
     """Seed of the episode."""
     scenario: str = "paper"

@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 from activeslam_gym.config import did_you_mean
+from activeslam_gym.evaluation import bound
 
 from .constants import BestConstant
 from .fixed import Orbit, Random, Stay, Sweep
@@ -41,13 +42,16 @@ def names() -> tuple[str, ...]:
     return tuple(_FACTORIES)
 
 
-def make(name: str, env: Environment, **kwargs: Any) -> Policy:
-    """Return the policy `name` bound to `env`, single or batched.
+def make(policy: str | Callable[[Any], Any], env: Environment, **kwargs: Any) -> Predictor:
+    """Return the `policy` bound to `env`, single or batched: a name, or a function `policy(env)` of your own.
 
-    `random` takes `seed`.
+    A function returns the action of each step, or a policy. `random` takes `seed`.
 
     Raises ValueError for an unknown name, and lists the known ones.
     """
+    if callable(policy):
+        return bound(partial(policy, **kwargs) if kwargs else policy, env)
+    name = policy
     if name not in names():
         hint = "agents.load(name, env) loads trained policies too"
         raise ValueError(

@@ -8,7 +8,7 @@ import json
 import os
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, fields, replace
+from dataclasses import fields, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeslam_gym import Gaze, Motion, Scenario, core_of
-from activeslam_gym.config import TRAINING_SEED
+from activeslam_gym.config import TRAINING_SEED, fields_of
 from activeslam_gym.evaluation.cluster import FOUND
 from activeslam_gym.evaluation.code import package_sources
 from activeslam_gym.evaluation.parallel import run_all
@@ -132,7 +132,7 @@ def log_scores(
 
     What ``store`` has is not played again.
     """
-    key = {"plans": plans.tolist(), "scenario": asdict(scenario), "seeds": list(seeds), "times": times}
+    key = {"plans": plans.tolist(), "scenario": fields_of(scenario), "seeds": list(seeds), "times": times}
     key["code"] = package_sources("baselines", ("*.py",))
 
     def scores() -> dict[str, NDArray[Any]]:

@@ -1,5 +1,7 @@
 """Policies that take the best action of one step: the paper's three, and others by the same scores."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from activeslam_gym import Gaze, Motion, core_of
@@ -7,19 +9,22 @@ from activeslam_gym.information.candidates import held_plans
 
 from .policy import Actions, Environment, Policy, best
 
+Criterion = str | Callable[..., float]
+
 
 class Greedy(Policy):
     """The best motion of a criterion once a motion period, the best gaze of another once a gaze period.
 
     `motion_criterion=None` is the scenario's own (the mutual information of the whole state in the paper's simulation,
-    of position and map in its live system); `gaze_criterion=None` turns LEFT all the time.
+    of position and map in its live system); `gaze_criterion=None` turns LEFT all the time. A criterion is a name, or a
+    function of your own.
     """
 
     def __init__(
-        self, env: Environment, motion_criterion: str | None = None, gaze_criterion: str | None = None
+        self, env: Environment, motion_criterion: Criterion | None = None, gaze_criterion: Criterion | None = None
     ) -> None:
         super().__init__(env)
-        self.motion_criterion: str = motion_criterion or self.env.scenario.motion_criterion
+        self.motion_criterion: Criterion = motion_criterion or self.env.scenario.motion_criterion
         self.gaze_criterion = gaze_criterion
 
     def choose_motion(self) -> Actions:
@@ -38,7 +43,7 @@ class AmortisedGreedy(Greedy):
     there are motions, several share a step. Where none was evaluated (an episode's first decision) all are at once.
     """
 
-    def __init__(self, env: Environment, **criteria: str | None) -> None:
+    def __init__(self, env: Environment, **criteria: Criterion | None) -> None:
         super().__init__(env, **criteria)
         steps = self.env.steps_per_motion
         slots = min(steps - 1, len(Motion))
@@ -117,7 +122,7 @@ class HeldInformation(Policy):
         return self._gaze
 
 
-def greedy(env: Environment, **criteria: str | None) -> Greedy:
+def greedy(env: Environment, **criteria: Criterion | None) -> Greedy:
     """`AmortisedGreedy` in a scenario that spreads its decisions over the period, `Greedy` elsewhere.
 
     ``criteria``: the arguments of both, ``motion_criterion`` and ``gaze_criterion``.

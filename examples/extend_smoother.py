@@ -22,13 +22,12 @@ from activeslam_gym.evaluation import run_episode
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.motion import motion_of, transition
 from activeslam_gym.slam.estimate import Estimate
-from activeslam_gym.slam.estimator import ESTIMATORS, NO_MATCH, Measurements
-from examples.extend_estimator import jacobian, point_of
+from activeslam_gym.slam.estimator import NO_MATCH, Measurements
+from examples.extend_estimator import point_of
 
 THRESHOLD = 0.02  # a variable that has moved by more [m, rad, 1/m] is linearised again
 
 
-@ESTIMATORS.register("smoother")
 class Smoother:
     mean: np.ndarray
 
@@ -92,7 +91,7 @@ class Smoother:
         keys, anchor = [*self.present()[2:], *([landmark(id)] if id > 0 else [])], self.anchors[id - 1 :][:1].ravel()
 
         def error(R_WC: Any, p: np.ndarray, *line: np.ndarray) -> np.ndarray:
-            point = point_of(np.concatenate((anchor, *line))) if line else self.fiducials[-1 - id]
+            point = point_of(np.concatenate((anchor, *line)))[0] if line else self.fiducials[-1 - id]
             z_hat = self.sensor.predict(np.concatenate((p, quaternion(R_WC), np.zeros(6))), point)[0]
             return np.nan_to_num(z_hat - value, nan=1e3)  # behind the camera
 
@@ -109,8 +108,8 @@ class Smoother:
         y = np.hstack((self.anchors, np.reshape(x[4:], (-1, 3))))
         y[:, 5] = np.maximum(y[:, 5], 0.02)
         for k, at in enumerate(range(12, 12 + 3 * n, 3)):
-            J[at : at + 3, at : at + 3] = jacobian(point_of, y[k])[:, 3:]
-        points = np.array([point_of(one) for one in y]).reshape(-1, 3)
+            J[at : at + 3, at : at + 3] = point_of(y[k])[1][:, 3:]
+        points = np.array([point_of(one)[0] for one in y]).reshape(-1, 3)
         mapped = np.sqrt(P.diagonal()[14::3]) < self.scenario.mapped_depth_ratio * y[:, 5]
         return Estimate(self.mean, np.arange(1, n + 1), points, J @ P @ J.T, mapped, np.zeros(n, bool), self.time)
 
@@ -179,10 +178,11 @@ def derivatives(f: Callable[..., np.ndarray], x: list[Any]) -> list[np.ndarray]:
     def moved(i: int, e: np.ndarray) -> np.ndarray:
         return f(*x[:i], x[i] + e if isinstance(x[i], np.ndarray) else x[i].retract(e), *x[i + 1 :])
 
-    return [jacobian(partial(moved, i), np.zeros(3)) for i in range(len(x))]
+    steps = 1e-6 * np.eye(3)
+    return [np.stack([(moved(i, d) - moved(i, -d)) / 2e-6 for d in steps], axis=1) for i in range(len(x))]
 
 
 if __name__ == "__main__":
-    env: Any = gym.make("ActiveSLAM-v0", scenario={"estimator": "smoother", "association": "known"}, duration=5.0)
+    env: Any = gym.make("ActiveSLAM-v0", scenario={"association": "known"}, estimator=Smoother, duration=5.0)
     run = run_episode(env, baselines.make("mi-mi", env), seed=0)
     print(f"log score {run.log_score[-1]:.0f} bits, position error {100 * run.position_error[-1]:.1f} cm")

@@ -60,7 +60,7 @@ TABLE: tuple[tuple[str, str, str, str], ...] = (
     ("compare", "--policies", "exits:make own:absent a:b:c", "cannot be imported"),
     ("compare", "--policies", "own:raises", "ZeroDivisionError: division by zero (own.py:10)"),
     ("compare", "--policies", "own:no_arguments", "TypeError"),
-    ("compare", "--policies", "own:none", "made None; allowed: an object with predict(observation, …)"),
+    ("compare", "--policies", "own:none", "must return an action, or an object with predict(observation, …), got None"),
     ("compare", "--policies", "own:other_predict", "TypeError"),
     ("compare", "--policies", "own:not_a_number", "action must be two whole numbers"),
     ("compare", "--reference", "nobody", "is not compared; allowed: mi-constant"),

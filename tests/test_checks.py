@@ -1,4 +1,4 @@
-"""`activeslam_gym.envs.checks`: each law that a registered part may break is told by the part's name."""
+"""`activeslam_gym.envs.checks`: each law that a part may break is told by the part's name."""
 
 import dataclasses
 from typing import Any
@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 
 from activeslam_gym.envs import checks
-from activeslam_gym.sensors.sensor import SENSORS, Detections
+from activeslam_gym.sensors.sensor import Detections
+from activeslam_gym.slam.ekf import Ekf
 from activeslam_gym.slam.estimate import Estimate
-from activeslam_gym.slam.estimator import ESTIMATORS
-from activeslam_gym.slam.filter import Ekf
-from activeslam_gym.world.scenes import SCENES
-from examples.extend_range_sensor import RangeModel, RangeSensor
+from examples.extend_range_sensor import RangeSensor
 from examples.extend_scene import SphereScene
 
 
@@ -46,30 +44,38 @@ SCENE_LAWS = {
 
 
 @pytest.mark.parametrize("wrong", SCENE_LAWS)
-def test_a_scene_that_breaks_a_law(wrong: type, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(SCENES, "mine", SphereScene)
-    checks.check_scene({"scene": "mine"})
-    monkeypatch.setitem(SCENES, "mine", wrong)
-    with pytest.raises(ValueError, match=f"the scene 'mine'.*({SCENE_LAWS[wrong]})"):
-        checks.check_scene({"scene": "mine"})
+def test_a_scene_that_breaks_a_law(wrong: type) -> None:
+    checks.check_scene(SphereScene)
+    with pytest.raises(ValueError, match=f"the scene '.*:{wrong.__name__}'.*({SCENE_LAWS[wrong]})"):
+        checks.check_scene(wrong)
 
 
-class Turned(RangeModel):
+class Turned(RangeSensor):
     def predict(self, camera: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         z, H_x, H_y = super().predict(camera, point)
         H_x[:, 3:] *= -1.0
         return z, H_x, H_y
 
 
-class Blind(RangeModel):
-    def visible(self, estimate: Estimate, camera: np.ndarray, points: np.ndarray) -> np.ndarray:
+class Blind(RangeSensor):
+    def visible(self, camera: np.ndarray, points: np.ndarray) -> np.ndarray:
         return np.zeros(len(points), bool)
 
+    def measure(self, truth: Any, time: float) -> Detections:
+        return RangeSensor(self._scenario, np.random.SeedSequence(0)).measure(truth, time)
 
-class Precise(RangeModel):
-    def __init__(self, scenario: Any) -> None:
-        super().__init__(scenario)
-        self.noise = 0.25 * self.noise
+
+class Precise(RangeSensor):
+    def measure(self, truth: Any, time: float) -> Detections:
+        values, labels = super().measure(truth, time)
+        again = RangeSensor(self._scenario, np.random.SeedSequence(1)).measure(truth, time)
+        return Detections(values + (again.values - [self.predict(*seen(truth, k))[0] for k in labels]), labels)
+
+
+def seen(truth: Any, label: int) -> tuple[np.ndarray, np.ndarray]:
+    """The true camera, and the point of a label."""
+    camera = np.concatenate((truth.position, truth.quaternion, truth.velocity, truth.angular_velocity))
+    return camera, np.vstack((truth.fiducials, truth.landmarks))[label]
 
 
 class ByChance(RangeSensor):
@@ -87,20 +93,10 @@ SENSOR_LAWS = {
 
 
 @pytest.mark.parametrize("wrong", SENSOR_LAWS)
-def test_a_sensor_that_breaks_a_law(wrong: type, monkeypatch: pytest.MonkeyPatch) -> None:
-    class OfModel(RangeSensor):
-        def model(self) -> Any:
-            return wrong(self.scenario)
-
-        def __init__(self, scenario: Any, seed: Any) -> None:
-            super().__init__(scenario, seed)
-            self.scenario = scenario
-
-    monkeypatch.setitem(SENSORS, "mine", RangeSensor)
-    checks.check_sensor({"sensor": "mine", "estimator": "numpy-ekf", "association": "known"})
-    monkeypatch.setitem(SENSORS, "mine", wrong if issubclass(wrong, RangeSensor) else OfModel)
-    with pytest.raises(ValueError, match=f"the sensor 'mine'.*{SENSOR_LAWS[wrong]}"):
-        checks.check_sensor({"sensor": "mine", "estimator": "numpy-ekf", "association": "known"})
+def test_a_sensor_that_breaks_a_law(wrong: type) -> None:
+    checks.check_sensor("examples.extend_range_sensor:RangeSensor")
+    with pytest.raises(ValueError, match=f"the sensor '.*{wrong.__name__}'.*{SENSOR_LAWS[wrong]}"):
+        checks.check_sensor(wrong)
 
 
 class Overconfident(Ekf):
@@ -127,16 +123,14 @@ ESTIMATOR_LAWS = {Overconfident: "overconfident", Negative: "not positive defini
 
 
 @pytest.mark.parametrize("wrong", ESTIMATOR_LAWS)
-def test_an_estimator_that_breaks_a_law(wrong: type, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(ESTIMATORS, "mine", Ekf)
-    checks.check_estimator({"estimator": "mine"})
-    monkeypatch.setitem(ESTIMATORS, "mine", wrong)
-    with pytest.raises(ValueError, match=f"the estimator 'mine'.*{ESTIMATOR_LAWS[wrong]}"):
-        checks.check_estimator({"estimator": "mine"})
+def test_an_estimator_that_breaks_a_law(wrong: type) -> None:
+    checks.check_estimator(Ekf)
+    with pytest.raises(ValueError, match=f"the estimator '.*:{wrong.__name__}'.*{ESTIMATOR_LAWS[wrong]}"):
+        checks.check_estimator(wrong)
 
 
 def test_the_package_s_own_parts_hold_the_laws() -> None:
-    checks.check_scene("office")
-    checks.check_estimator("paper")
+    checks.check_scene("boxes", "office")
+    checks.check_estimator("ekf")
     with pytest.raises(ValueError, match="the package's own; allowed"):
-        checks.check_sensor("paper")
+        checks.check_sensor("points")

@@ -35,6 +35,9 @@ from activeslam_gym.config import SCENARIOS, Scenario
 
 SCENARIOS["noisier"] = Scenario(pixel_std=beside.pixel_std)
 
+def information(P, sight, pixel_var):
+    return 0.0
+
 class Mine:
     def __init__(self, env):
         assert "working_dir" in __file__ and "working_dir" in beside.__file__, __file__
@@ -127,20 +130,17 @@ def test_one_s_own_modules_weights_and_scenarios_travel(nodes: Any, own: str, tm
     model = weights.with_name("model.zip")
     stable_baselines3 = pytest.importorskip("stable_baselines3")
     stable_baselines3.PPO("MlpPolicy", gym.make("ActiveSLAM-v0")).save(model)
-    config.SCENARIOS["of-this-process"] = Scenario(pixel_std=4.0)
-    try:
-        names = (f"{own}:Mine", str(weights), str(model))
-        settings = [json.dumps({"duration": 1.0, "scenario": one}) for one in (f"{own}:noisier", "of-this-process")]
-        wanted = [Task(name, 1, one) for name in names for one in settings]
-        found = dict(tasks.results(wanted, Store(workers=nodes.address)))
-        from_weights = [task for task in wanted if task.policy == str(weights)]
-        from_model = [Task(str(model), 1, settings[0])]  # in a process of its own, which imports the module
-        for played in (from_weights, from_model):
-            for task, episode in tasks.results(played, Store()):
-                np.testing.assert_array_equal(found[task].entropy, episode.entropy)
-        assert len(found) == 6
-    finally:
-        del config.SCENARIOS["of-this-process"]
+    names = (f"{own}:Mine", str(weights), str(model))
+    parts = {"pixel_std": 4.0, "motion_criterion": f"{own}:information"}
+    settings = [json.dumps({"duration": 1.0, "scenario": one}) for one in (f"{own}:noisier", parts)]
+    wanted = [Task(name, 1, one) for name in names for one in settings]
+    found = dict(tasks.results(wanted, Store(workers=nodes.address)))
+    from_weights = [task for task in wanted if task.policy == str(weights)]
+    from_model = [Task(str(model), 1, settings[0])]  # in a process of its own, which imports the module
+    for played in (from_weights, from_model):
+        for task, episode in tasks.results(played, Store()):
+            np.testing.assert_array_equal(found[task].entropy, episode.entropy)
+    assert len(found) == 6
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Parts that others register: a wrong answer is an error with the part's name and the frame."""
+"""A user's own parts: a wrong answer is an error with the part's name and the frame."""
 
 import dataclasses
 from collections.abc import Callable
@@ -8,12 +8,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from activeslam_gym.sensors.sensor import SENSORS, Detections
+from activeslam_gym.sensors.sensor import Detections
 from activeslam_gym.slam.estimate import Estimate
-from activeslam_gym.slam.estimator import ESTIMATORS
-from activeslam_gym.world.scenes import SCENES
 from examples.extend_estimator import NumpyEkf
-from examples.extend_range_sensor import RangeModel, RangeSensor
+from examples.extend_range_sensor import RangeSensor
 from examples.extend_scene import SphereScene
 
 KNOWN: dict[str, Any] = {"association": "known"}
@@ -77,20 +75,17 @@ WRONG_ESTIMATORS = {
 
 
 @pytest.mark.parametrize("wrong", WRONG_ESTIMATORS)
-def test_ids_of_nothing_made_a_map_look_better(wrong: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(ESTIMATORS, "mine", WRONG_ESTIMATORS[wrong])
-    with pytest.raises(ValueError, match="the estimator 'mine'") as told:
-        flown(scenario={"estimator": "mine", **KNOWN})
+def test_ids_of_nothing_made_a_map_look_better(wrong: str) -> None:
+    with pytest.raises(ValueError, match="the estimator '.*:Mine'") as told:
+        flown(scenario=KNOWN, estimator=WRONG_ESTIMATORS[wrong])
     assert "in frame" in str(told.value)
 
 
-def test_an_estimator_of_lists_and_single_precision_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_estimator_of_lists_and_single_precision_is_right() -> None:
     single = dict.fromkeys(("camera", "points", "covariance"), np.float32)
     kind = estimated(ids=list, mapped=list, **single)  # type: ignore[arg-type]
-    monkeypatch.setitem(
-        ESTIMATORS, "mine", type("Mine", (kind,), {"update": lambda s, m: NumpyEkf.update(s, m).tolist()})
-    )
-    mine, own = (flown(5, scenario={"estimator": name, **KNOWN})[-1] for name in ("mine", "numpy-ekf"))
+    lists = type("Mine", (kind,), {"update": lambda s, m: NumpyEkf.update(s, m).tolist()})
+    mine, own = (flown(5, scenario=KNOWN, estimator=estimator)[-1] for estimator in (lists, NumpyEkf))
     assert mine["entropy"] == pytest.approx(own["entropy"], abs=0.1)
     assert mine["events"] == own["events"]
 
@@ -99,36 +94,34 @@ def sensed(change: Callable[[Any, Any], Any]) -> type:
     return like(RangeSensor, measure=lambda found: change(*found))
 
 
-def modelled(**methods: Callable[..., Any]) -> type:
-    """A sensor whose model answers otherwise; ``noise`` is one of the answers."""
-    noise = methods.pop("noise", lambda R: R)
-    model: Any = like(RangeModel, **methods)
+def noisy(change: Callable[[np.ndarray], np.ndarray]) -> type:
+    """A sensor with another noise, which measures nothing."""
 
     def init(self: Any, scenario: Any, seed: Any) -> None:
         RangeSensor.__init__(self, scenario, seed)
-        self._model = model(scenario)
-        self._model.noise = noise(self._model.noise)
+        self.noise = change(self.noise)
 
-    return type(
-        "Mine", (RangeSensor,), {"__init__": init, "measure": lambda self, *_: Detections(np.zeros((0, 3)), [])}
-    )
+    return type("Mine", (RangeSensor,), {"__init__": init, "measure": nothing})
+
+
+def nothing(*_: Any) -> Detections:
+    return Detections(np.zeros((0, 3)), [])  # type: ignore[arg-type]
 
 
 WRONG_SENSORS = {
     "labels of nothing": sensed(lambda values, labels: (values, labels + 999)),
     "too many": sensed(lambda values, labels: (np.tile(values, (99, 1)), np.tile(labels, 99))),
     "a failing measure": like(RangeSensor, measure=fails),
-    "no model": like(RangeSensor, model=lambda model: None),
-    "asymmetric noise": modelled(noise=lambda R: R + np.triu(np.ones(R.shape), 1)),
-    "no visibility": modelled(visible=lambda seen: None),
+    "no noise": noisy(lambda R: None),
+    "asymmetric noise": noisy(lambda R: R + np.triu(np.ones(R.shape), 1)),
+    "no visibility": type("Mine", (like(RangeSensor, visible=lambda seen: None),), {"measure": nothing}),
 }
 
 
 @pytest.mark.parametrize("wrong", WRONG_SENSORS)
-def test_a_wrong_answer_of_a_sensor_is_told_by_name(wrong: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(SENSORS, "mine", WRONG_SENSORS[wrong])
-    with pytest.raises(ValueError, match="the sensor 'mine'"):
-        flown(scenario={"sensor": "mine", "estimator": "numpy-ekf", **KNOWN})
+def test_a_wrong_answer_of_a_sensor_is_told_by_name(wrong: str) -> None:
+    with pytest.raises(ValueError, match="the sensor '.*:Mine'"):
+        flown(scenario=KNOWN, sensor=WRONG_SENSORS[wrong], estimator=NumpyEkf)
 
 
 WRONG_SCENES = {
@@ -141,7 +134,6 @@ WRONG_SCENES = {
 
 
 @pytest.mark.parametrize("wrong", WRONG_SCENES)
-def test_a_wrong_answer_of_a_scene_is_told_by_name(wrong: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(SCENES, "mine", WRONG_SCENES[wrong])
-    with pytest.raises(ValueError, match="the scene 'mine'"):
-        flown(scenario={"scene": "mine"})
+def test_a_wrong_answer_of_a_scene_is_told_by_name(wrong: str) -> None:
+    with pytest.raises(ValueError, match="the scene '"):
+        flown(scene=WRONG_SCENES[wrong])

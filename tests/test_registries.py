@@ -1,4 +1,4 @@
-"""Criteria and rewards that are registered at run time, and the one home of names."""
+"""Criteria and rewards of a user's own."""
 
 import math
 from collections.abc import Callable
@@ -8,13 +8,13 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import examples.extend_range_sensor  # noqa: F401  (registers RANGES)
 from activeslam_gym import Gaze, Motion
 from activeslam_gym.envs.reward import REWARDS
-from activeslam_gym.information import CRITERIA
 from activeslam_gym.kernels import compiled
 from baselines import best
 from baselines.greedy import Greedy
+from examples.extend_estimator import NumpyEkf
+from examples.extend_range_sensor import RangeSensor
 
 INFORMATION = "mutual_information"
 
@@ -33,16 +33,13 @@ def play(env: Any, steps: int = 12, seed: int = 3) -> list[tuple[float, dict[str
     return told
 
 
-RANGES = {"sensor": "range-and-bearing", "estimator": "numpy-ekf", "association": "known"}
+RANGES = {"sensor": RangeSensor, "estimator": NumpyEkf, "association": "known"}
 
 
 @pytest.mark.parametrize("scenario", ["paper", "corridor", "pixels", RANGES])
-def test_a_criterion_registered_from_outside_scored_nan_and_best_answered_forward(
-    scenario: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It scores as the kernel does, under every kind of plan, with every sensor."""
-    for name, criterion in (("mine", information), ("mine-compiled", compiled(lambda P, sight, var: sight.S[0, 0]))):
-        monkeypatch.setitem(CRITERIA, name, criterion)
+def test_a_criterion_of_one_s_own_scores_as_the_kernel_does(scenario: Any) -> None:
+    """Under every kind of plan, with every sensor."""
+    in_a_kernel = compiled(lambda P, sight, var: sight.S[0, 0])
     pixels = scenario == "pixels"
     if pixels:
         pytest.importorskip("cv2")
@@ -50,12 +47,12 @@ def test_a_criterion_registered_from_outside_scored_nan_and_best_answered_forwar
     play(env, steps=8)
     inner, horizon = env.unwrapped, 2
     for scores in (inner.motion_scores, inner.gaze_scores, inner.joint_scores):
-        np.testing.assert_allclose(scores("mine"), scores(INFORMATION), rtol=1e-9, atol=1e-9)
-        assert np.isfinite(scores("mine-compiled")).all()
+        np.testing.assert_allclose(scores(information), scores(INFORMATION), rtol=1e-9, atol=1e-9)
+        assert np.isfinite(scores(in_a_kernel)).all()
     plans = np.tile(inner._joint_plans[[4, 9, 17]], (1, horizon))
-    np.testing.assert_allclose(inner.scores(plans, "mine"), inner.scores(plans, INFORMATION), rtol=1e-9)
+    np.testing.assert_allclose(inner.scores(plans, information), inner.scores(plans, INFORMATION), rtol=1e-9)
     expected = Greedy(env, INFORMATION, INFORMATION).predict(np.zeros(3))[0]
-    assert Greedy(env, "mine", "mine").predict(np.zeros(3))[0].tolist() == expected.tolist()
+    assert Greedy(env, information, information).predict(np.zeros(3))[0].tolist() == expected.tolist()
 
 
 def fails(*_: Any) -> float:
@@ -74,29 +71,28 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("wrong", "message"), WRONG)
-def test_a_registered_criterion_or_reward_that_gives_no_number_is_an_error_with_its_name(
-    wrong: Callable[..., Any], message: str, monkeypatch: pytest.MonkeyPatch
+def test_a_criterion_or_reward_that_gives_no_number_is_an_error_with_its_name(
+    wrong: Callable[..., Any], message: str
 ) -> None:
-    begun = False
-    monkeypatch.setitem(CRITERIA, "mine", wrong)
-    monkeypatch.setitem(REWARDS, "mine", lambda e: wrong() if begun else 0.0)
-    env = gym.make_vec("ActiveSLAM-v0", 2, gaze_period=0.25, reward="mine")
+    begun, name = False, f"{__name__}:(<lambda>|fails)"
+    env = gym.make_vec("ActiveSLAM-v0", 2, gaze_period=0.25, reward=lambda e: wrong() if begun else 0.0)
     env.reset(seed=0)
     begun = True
     where = r"for \(motion, gaze, frames\) \(0, 2, 20\) of plan 0"
-    with pytest.raises(ValueError, match=f"^criterion 'mine' {message.format(where=where)}"):
-        env.unwrapped.motion_scores("mine")
-    with pytest.raises(ValueError, match=f"^reward 'mine' {message.format(where='after 1 steps of environment 0')}"):
+    with pytest.raises(ValueError, match=f"^criterion '{name}' {message.format(where=where)}"):
+        env.unwrapped.motion_scores(wrong)
+    with pytest.raises(
+        ValueError, match=f"^reward '.*<lambda>' {message.format(where='after 1 steps of environment 0')}"
+    ):
         env.step(np.zeros((2, 2), int))
 
 
-def test_a_lost_filter_scores_nan_asks_no_registered_criterion_and_best_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lost_filter_scores_nan_asks_no_criterion_of_one_s_own_and_best_stays() -> None:
     """The best of scores that are all NaN was FORWARD; NaN counts as worse than any number."""
-    monkeypatch.setitem(CRITERIA, "mine", fails)
     env = gym.make("ActiveSLAM-v0")
     env.reset(seed=0)
     env.unwrapped._run.estimate.covariance[:6, :6] = -np.eye(6)
-    for criterion in ("mine", INFORMATION):
+    for criterion in (fails, INFORMATION):
         scores = env.unwrapped.motion_scores(criterion)
         assert np.isnan(scores).all() and best(scores) == Motion.STAY
     assert best([np.nan, 1.0, 3.0, 2.0, np.nan, 0.0, np.nan]) == Motion.RIGHT
@@ -104,43 +100,52 @@ def test_a_lost_filter_scores_nan_asks_no_registered_criterion_and_best_stays(mo
     assert best(np.array([[np.nan] * 3, [np.nan, 0.0, -1.0]])).tolist() == [Gaze.STAY, Gaze.LEFT]
 
 
-def test_a_reward_registered_from_outside_paid_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its gain is the reward; it telescopes, and has its own name in `info`."""
-    monkeypatch.setitem(REWARDS, "mine", lambda e: -math.log2(1e-3 + e.position_error))
-    told = play(gym.make("ActiveSLAM-v0", reward="mine"))
+def accuracy(e: Any) -> float:
+    return -math.log2(1e-3 + e.position_error)
+
+
+def test_a_reward_of_one_s_own_is_its_gain_and_has_its_name_in_info() -> None:
+    """As an object, and by its name, with which the spec is JSON."""
+    name = f"{__name__}:accuracy"
+    told = play(gym.make("ActiveSLAM-v0", reward=accuracy))
+    by_name = gym.make("ActiveSLAM-v0", reward=name)
+    assert by_name.spec is not None and name in by_name.spec.to_json()
+    assert [reward for reward, _ in play(by_name)] == [reward for reward, _ in told]
     accuracies = [-math.log2(1e-3 + info["position_error"]) for _, info in told]
     np.testing.assert_allclose([reward for reward, _ in told[1:]], np.diff(accuracies), atol=1e-12)
-    assert all(reward == info["reward_terms"]["mine"] for reward, info in told)
-    assert list(told[0][1]["reward_terms"]) == [*REWARDS.own, "lost_penalty", "mine"]
+    assert all(reward == info["reward_terms"][name] for reward, info in told)
+    assert list(told[0][1]["reward_terms"]) == [*REWARDS, "lost_penalty", name]
     plain = play(gym.make("ActiveSLAM-v0"))
     for (_, info), (_, other) in zip(told, plain, strict=True):
-        del info["reward_terms"]["mine"]
+        del info["reward_terms"][name]
         assert info == other or math.isinf(other["landmark_rmse"])
 
 
+def minus_entropy(e: Any) -> float:
+    return -e.entropy
+
+
 @pytest.mark.parametrize("penalty", [True, False])
-def test_a_registered_copy_of_a_reward_is_that_reward_to_the_bit(
-    penalty: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_copy_of_a_reward_is_that_reward_to_the_bit(penalty: bool) -> None:
     """Single and batch, through losses, the failure penalty and autoresets."""
-    monkeypatch.setitem(REWARDS, "mine", lambda e: -e.entropy)
+    name = f"{__name__}:minus_entropy"
     limit = 0.02 if penalty else 0.5
     settings: dict[str, Any] = {"gaze_period": 0.25, "duration": 4.0, "lost_position_error": limit}
     actions = np.tile((Motion.RIGHT, Gaze.LEFT), (3, 1))
-    batches = [gym.make_vec("ActiveSLAM-v0", 3, reward=reward, **settings) for reward in ("mine", "entropy")]
-    one = gym.make("ActiveSLAM-v0", reward="mine", **settings)
+    batches = [gym.make_vec("ActiveSLAM-v0", 3, reward=reward, **settings) for reward in (minus_entropy, "entropy")]
+    one = gym.make("ActiveSLAM-v0", reward=minus_entropy, **settings)
     for env in (*batches, one):
         env.reset(seed=3)
     lost, over = 0, False
     for _ in range(40):
         (_, mine, ends, cuts, infos), (_, theirs, *_) = (env.step(actions) for env in batches)
         np.testing.assert_array_equal(mine, theirs)
-        np.testing.assert_array_equal(infos["reward_terms"]["mine"], infos["reward_terms"]["entropy"])
-        assert infos["reward_terms"]["_mine"].all()
+        np.testing.assert_array_equal(infos["reward_terms"][name], infos["reward_terms"]["entropy"])
+        assert infos["reward_terms"][f"_{name}"].all()
         lost += int((infos["reward_terms"]["lost_penalty"] < 0.0).sum())
         if not over:
             _, reward, terminated, truncated, info = one.step(actions[0])
             assert (reward, terminated) == (mine[0], ends[0])
-            assert info["reward_terms"]["mine"] == infos["reward_terms"]["mine"][0]
+            assert info["reward_terms"][name] == infos["reward_terms"][name][0]
             over = terminated or truncated
     assert over and (lost > 0) == penalty

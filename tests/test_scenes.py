@@ -1,6 +1,5 @@
 """Registered scenes: what they hide is not detected, and what they hold stops the true camera."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import gymnasium as gym
@@ -8,13 +7,13 @@ import numpy as np
 import pytest
 
 import baselines
-import examples.extend_estimator  # noqa: F401  (registers "numpy-ekf")
 from activeslam_gym import Gaze, Motion, Scenario
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.sensors.points import PointModel
+from activeslam_gym.sensors.points import PointSensor
 from activeslam_gym.world.room import draw_room, draw_scene
-from activeslam_gym.world.scenes import SCENES, BoxScene
+from activeslam_gym.world.scenes import BoxScene
 from activeslam_gym.world.simulator import faces
+from examples.extend_estimator import NumpyEkf
 from examples.extend_scene import SphereScene
 
 MARGIN = Scenario().wall_margin
@@ -38,16 +37,7 @@ class OneBox(BoxScene):
         super().__init__(0.5 * np.array(scenario.room_size), np.array([BOX]))
 
 
-@pytest.fixture(autouse=True)
-def registered() -> Iterator[None]:
-    for scene in (Nothing, OneBox):
-        SCENES.register(scene.__name__)(scene)
-    yield
-    for name in [name for name in SCENES if name not in ("boxes", "sphere")]:
-        del SCENES[name]
-
-
-def made(scene: str, **fields: Any) -> Any:
+def made(scene: Any, **fields: Any) -> Any:
     return gym.make("ActiveSLAM-v0", scenario={"scene": scene, **fields}, gaze_period=0.25, duration=8.0)
 
 
@@ -56,20 +46,21 @@ def distance_to_sphere(inner: Any) -> float:
     return float(np.linalg.norm(inner.truth.position - sphere.centre)) - sphere.radius
 
 
-@pytest.mark.parametrize("estimator", ["ekf", "numpy-ekf"])
-def test_landmarks_behind_the_sphere_are_not_detected_under_a_policy(estimator: str) -> None:
+@pytest.mark.parametrize("estimator", ["ekf", NumpyEkf])
+def test_landmarks_behind_the_sphere_are_not_detected_under_a_policy(estimator: Any) -> None:
     """What is detected is what the camera would see, faces, and the sphere does not hide: no more and no less."""
-    env = made("sphere", estimator=estimator, association="known", pixel_std=1e-6)
+    env = made(SphereScene, estimator=estimator, association="known", pixel_std=1e-6)
     observation, _ = env.reset(seed=2)
     inner, policy, state = env.unwrapped, baselines.make("mi-mi", env), None
-    model, cosine, missing = PointModel(inner.scenario, np.zeros((0, 2, 3))), np.cos(inner.scenario.facing_angle), 0
+    sensor = PointSensor(inner.scenario, np.random.SeedSequence(0))
+    cosine, missing = np.cos(inner.scenario.facing_angle), 0
     for _ in range(24):
         action, state = policy.predict(observation, state)
         observation, *_ = env.step(action)
         truth, normals, K = inner.truth, inner._run.world.normals, inner.scenario.fiducial_count
         camera = np.concatenate((truth.position, truth.quaternion, np.zeros(6)))
         points = np.concatenate((truth.fiducials, truth.landmarks))
-        shown = model.in_view(camera, points)
+        shown = sensor.visible(camera, points)
         shown[K:] &= [faces(n, y, truth.position, cosine) for n, y in zip(normals, truth.landmarks)]
         blocked = truth.scene.blocks(truth.position, points)
         missing += int((shown & blocked).sum())
@@ -80,7 +71,7 @@ def test_landmarks_behind_the_sphere_are_not_detected_under_a_policy(estimator: 
 def test_noise_and_order_of_detections_do_not_depend_on_what_is_hidden() -> None:
     seen = {}
     for scene in ("sphere", "glass"):
-        env = gym.make("ActiveSLAM-v0", scenario={"scene": "sphere"}, gaze_period=0.05)  # so that no estimate differs
+        env = gym.make("ActiveSLAM-v0", scene=SphereScene, gaze_period=0.05)  # so that no estimate differs
         env.reset(seed=2)
         if scene == "glass":
             env.unwrapped.truth.scene._scene.blocks = lambda a, b: np.zeros(len(b), bool)
@@ -92,7 +83,7 @@ def test_noise_and_order_of_detections_do_not_depend_on_what_is_hidden() -> None
 
 
 def test_a_camera_that_flies_at_the_sphere_stops_short_of_it() -> None:
-    env = made("sphere")
+    env = made(SphereScene)
     env.reset(seed=0)
     contacts, inner = 0, env.unwrapped
     for _ in range(32):
@@ -104,9 +95,9 @@ def test_a_camera_that_flies_at_the_sphere_stops_short_of_it() -> None:
     assert distance_to_sphere(inner) == pytest.approx(inner.scenario.goal_margin, abs=0.1)
 
 
-@pytest.mark.parametrize("estimator", ["ekf", "numpy-ekf"])
-def test_a_camera_thrown_at_the_sphere_is_stopped_and_counted_and_the_estimator_told(estimator: str) -> None:
-    scenario = {"scene": "sphere", "estimator": estimator, "association": "known"}
+@pytest.mark.parametrize("estimator", ["ekf", NumpyEkf])
+def test_a_camera_thrown_at_the_sphere_is_stopped_and_counted_and_the_estimator_told(estimator: Any) -> None:
+    scenario = {"scene": SphereScene, "estimator": estimator, "association": "known"}
     env = gym.make("ActiveSLAM-v0", scenario=scenario, gaze_period=0.05, end_when_lost=False)
     env.reset(seed=0)
     inner, contacts, spread = env.unwrapped, 0, []
@@ -124,10 +115,10 @@ def test_a_camera_thrown_at_the_sphere_is_stopped_and_counted_and_the_estimator_
     assert contacts > 0
 
 
-def test_a_box_as_a_registered_scene_stops_the_camera_where_the_compiled_box_does() -> None:
+def test_a_box_as_a_foreign_scene_stops_the_camera_where_the_compiled_box_does() -> None:
     """A person's hand moves both cameras, so that neither run depends on what is seen."""
     fields = {"command_known": False, "acceleration_std": 4.0, "goal_margin": MARGIN}
-    scenarios = {"scene": "OneBox"} | fields, {"boxes": (BOX,)} | fields
+    scenarios = {"scene": OneBox} | fields, {"boxes": (BOX,)} | fields
     envs = [gym.make("ActiveSLAM-v0", scenario=one, end_when_lost=False, gaze_period=0.25) for one in scenarios]
     for env in envs:
         env.reset(seed=3)
@@ -150,7 +141,7 @@ def test_a_box_as_a_registered_scene_stops_the_camera_where_the_compiled_box_doe
 def test_the_stages_are_the_compiled_frame_to_the_bit() -> None:
     """In a scene of nothing, with the same points, the run is that of the kernel."""
     kernel = gym.make("ActiveSLAM-v0", scenario={"landmark_layout": "surfaces"}, gaze_period=0.25)
-    staged = made("Nothing")
+    staged = made(Nothing)
     for env in (kernel, staged):
         env.reset(seed=5)
     runs = [env.unwrapped._runs for env in (kernel, staged)]
@@ -173,9 +164,8 @@ def test_a_scene_that_leaves_no_room_for_the_start_is_an_error_with_its_name() -
         def clearance(self, p: np.ndarray, directions: np.ndarray, farthest: float) -> np.ndarray:
             return np.zeros(len(p))
 
-    SCENES.register("Full")(Full)
     with pytest.raises(RuntimeError, match="Full"):
-        draw_room(Scenario(scene="Full"), np.random.default_rng(0))
+        draw_room(Scenario(scene=Full), np.random.default_rng(0))
 
 
 def test_fields_and_names_that_do_not_go_with_a_scene_are_errors() -> None:
@@ -185,6 +175,6 @@ def test_fields_and_names_that_do_not_go_with_a_scene_are_errors() -> None:
         draw_scene(Scenario(scene="unheard"), np.random.default_rng(0))
     for name, value in (("boxes", (BOX,)), ("box_count", (0, 2)), ("boxes_known", True)):
         with pytest.raises(ValueError, match=f"scenario.{name} must be"):
-            Scenario(scene="sphere", **{name: value})  # type: ignore[arg-type]
+            Scenario(scene=SphereScene, **{name: value})  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="scenario.scene must be 'boxes'"):
-        gym.make("ActiveSLAM-v0", scenario={"scene": "sphere", "sensor": "images"})
+        gym.make("ActiveSLAM-v0", scenario={"scene": SphereScene, "sensor": "images"})

@@ -10,10 +10,10 @@ import baselines
 from activeslam_gym.config import TRAINING_SEED, Scenario
 from activeslam_gym.evaluation import run_episode
 from activeslam_gym.geometry import rotation_error
-from activeslam_gym.sensors.points import PointModel
+from activeslam_gym.sensors.points import PointSensor
 from activeslam_gym.slam.belief import start_of
+from activeslam_gym.slam.ekf import Ekf
 from activeslam_gym.slam.estimator import Measurements
-from activeslam_gym.slam.filter import Ekf
 
 from .support import world_points
 
@@ -21,8 +21,8 @@ pytest.importorskip("gtsam", reason="GTSAM is not installed: pip install -e '.[g
 
 from examples.extend_smoother import Smoother  # noqa: E402
 
-SCENARIO = Scenario(estimator="smoother", association="known")
-SENSOR = PointModel(SCENARIO, np.zeros((0, 2, 3)))
+SCENARIO = Scenario(estimator=Smoother, association="known")
+SENSOR = PointSensor(SCENARIO, np.random.SeedSequence(0))
 
 
 def started(estimator: Any, fiducials: Any = (), narrow: float = 1.0) -> Any:
@@ -34,7 +34,7 @@ def started(estimator: Any, fiducials: Any = (), narrow: float = 1.0) -> Any:
 
 def test_it_needs_known_association() -> None:
     with pytest.raises(ValueError, match="scenario.association 'known', got 'unknown'"):
-        gym.make("ActiveSLAM-v0", scenario={"estimator": "smoother"})
+        gym.make("ActiveSLAM-v0", estimator=Smoother)
 
 
 def test_without_measurements_it_is_the_filters_prediction() -> None:

@@ -9,8 +9,8 @@ from activeslam_gym.config import bounds
 class LensSettings(bounds.Settings):
     """The sensor, its calibration, and errors of its detections."""
 
-    sensor: bounds.String = "points"
-    """The sensor: `points`, `images`, `corners` (images' rooms without the images), or a registered one's name."""
+    sensor: bounds.Part = "points"
+    """The sensor: `points`, `images`, `corners` (images' rooms without the images), or one of your own."""
     image_width: bounds.PositiveInt = 320
     """[px]"""
     image_height: bounds.PositiveInt = 240

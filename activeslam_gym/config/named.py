@@ -8,7 +8,7 @@ from typing import Any
 from activeslam_gym.config.filter import DEPTH_PARTICLES
 from activeslam_gym.config.room import ANYWHERE, CLUSTERS, CORNER, SURFACES, WALL
 from activeslam_gym.config.scenario import Scenario
-from activeslam_gym.registry import Registry, did_you_mean
+from activeslam_gym.registry import did_you_mean, name_of
 
 _CALM = {"pixel_std": 1.0, "acceleration_std": 0.2, "angular_acceleration_std": 0.2}
 """Less noise, for rooms where visible landmarks are up to 6 m away, and often none is in view."""
@@ -39,8 +39,8 @@ _BARE = {
 }  # fmt: skip
 """Images of a bare room, in which groups of posters alone have features."""
 
-SCENARIOS: Registry[Scenario] = Registry("scenario")
-"""The named scenarios, by name."""
+SCENARIOS = dict[str, Scenario]()
+"""The named scenarios, by name; more may be added."""
 ASKED: dict[str, str] = {}
 """The task of a policy in each of them."""
 
@@ -131,6 +131,12 @@ def benchmark_seed(name: str, validation: bool = False) -> int:
     return 1_000_000 * _SEEDS.get(name, 1) + 500_000 * validation
 
 
+def fields_of(scenario: Scenario) -> dict[str, Any]:
+    """The fields of a scenario by name, JSON-plain: parts that are objects by their names."""
+    values = {field.name: getattr(scenario, field.name) for field in fields(scenario)}
+    return {name: name_of(value) if callable(value) else value for name, value in values.items()}
+
+
 def scenario_from(value: str | Mapping[str, Any] | Scenario) -> Scenario:
     """A `Scenario` from its name, from a dict of fields (absent ones as in ``paper``), or as it is.
 
@@ -140,6 +146,9 @@ def scenario_from(value: str | Mapping[str, Any] | Scenario) -> Scenario:
     if isinstance(value, Scenario):
         return value
     if isinstance(value, str):
+        if value not in SCENARIOS:
+            known = f"one of {', '.join(SCENARIOS)}"
+            raise ValueError(f"scenario must be {known}, got {value!r}{did_you_mean(value, SCENARIOS)}")
         return SCENARIOS[value]
     if not isinstance(value, Mapping):
         raise ValueError(f"scenario must be a name, a dict of fields or a Scenario, got {value!r}")

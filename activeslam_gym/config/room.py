@@ -11,9 +11,9 @@ UNIFORM, SURFACES, CLUSTERS = "uniform", "surfaces", "clusters"
 CENTRE, CORNER, WALL, ANYWHERE = "centre", "corner", "wall", "anywhere"
 """First poses of the camera."""
 BOXES = "boxes"
-"""The compiled scene; another is registered (`world.scenes`)."""
+"""The compiled scene; see `world.scenes` for others."""
 _OF_BOXES = ("boxes", "box_count", "inner_walls", "boxes_known", "landmark_layout")
-"""Fields that a registered scene has no use for."""
+"""Fields that another scene than `boxes` has no use for."""
 _DOOR_MARGIN = 0.4
 """Least distance between the door of an inner wall and the walls of the room [m]."""
 
@@ -26,8 +26,8 @@ class NoRoomError(RuntimeError, ValueError):
 class RoomSettings(bounds.Settings):
     """Geometry of the room and of the first pose."""
 
-    scene: bounds.String = BOXES
-    """Scene that hides landmarks and stops the camera: `boxes`, or the name of a registered one (`world.scenes`)."""
+    scene: bounds.Part = BOXES
+    """Scene that hides landmarks and stops the camera: `boxes`, a mesh, or one of your own (`world.scenes`)."""
     room_size: bounds.PositiveXYZ = (6.0, 2.0, 6.0)
     """Extent along X, Y (height) and Z [m]."""
     landmark_count: bounds.PositivePointCount = 27
@@ -75,7 +75,7 @@ class RoomSettings(bounds.Settings):
         self._demand("wall_margin", self.wall_margin <= self.goal_margin, "at most goal_margin")
         farthest, margin = self._farthest_apart, self.wall_margin
         self._demand("point_spacing", self.point_spacing <= farthest, f"at most {farthest:.3g}: its points must fit")
-        for name in _OF_BOXES if self.has_registered_scene else ():
+        for name in _OF_BOXES if self.has_foreign_scene else ():
             default = getattr(RoomSettings, name)
             self._demand(name, getattr(self, name) == default, f"{default!r} where scenario.scene is {self.scene!r}")
         around = any(all(a - margin < 0.0 < b + margin for a, b in zip(low, high)) for low, high in self.boxes)
@@ -110,19 +110,19 @@ class RoomSettings(bounds.Settings):
         return self.box_capacity > 0
 
     @property
-    def has_registered_scene(self) -> bool:
-        """Whether the scene is a registered one, which runs in Python."""
+    def has_foreign_scene(self) -> bool:
+        """Whether the scene is a mesh or a user's own, which runs in Python."""
         return self.scene != BOXES
 
     @property
     def has_bodies(self) -> bool:
         """Whether something beside the room's walls may stop the camera."""
-        return self.has_boxes or self.has_registered_scene
+        return self.has_boxes or self.has_foreign_scene
 
     @property
     def has_normals(self) -> bool:
         """Whether landmarks are on surfaces with normals."""
-        return self.on_surfaces or self.has_registered_scene
+        return self.on_surfaces or self.has_foreign_scene
 
     @property
     def on_surfaces(self) -> bool:

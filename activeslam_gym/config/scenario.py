@@ -36,7 +36,7 @@ class EpisodeSettings(bounds.Settings):
     motion period and duration are whole numbers (0.2 s where a frame is 1/15 s)."""
     varied: Annotated[tuple[tuple[str, Any, Any], ...], _VARIED] = ()
     """Fields that each reset draws uniformly between two values: (field, least, greatest)."""
-    motion_criterion: bounds.String = "mutual_information"
+    motion_criterion: bounds.Part = "mutual_information"
     """Criterion of the paper's strategies for motion in this scenario."""
     negative_information: bounds.Switch = True
     """Whether an expected landmark moves when the camera looks at it and does not find it; the paper's stays."""

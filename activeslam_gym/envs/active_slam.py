@@ -11,7 +11,8 @@ from activeslam_gym.envs.actions import INDICES, PAIRS, POINTS, Encoding, action
 from activeslam_gym.envs.episode import BEGIN, STEP, info_of
 from activeslam_gym.envs.observation import observation_space
 from activeslam_gym.envs.public import SingleReads
-from activeslam_gym.envs.setting import checked_size, resolve
+from activeslam_gym.envs.reward import Potential
+from activeslam_gym.envs.setting import checked_size, resolve, scenario_with
 from activeslam_gym.envs.simulation import empty_runs
 from activeslam_gym.envs.snapshot import History, Snapshot, snapshot_of
 from activeslam_gym.metrics import LOST_POSITION_ERROR
@@ -48,7 +49,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     The enums `Motion` and `Gaze` have these names; the scenario's `step_length` and `turn_rate` can change the sizes.
     One step is one `gaze_period`. Gaze acts at once; the motion is read on the first step of each `motion_period`, from
     the estimated pose, and held until the period is over, while later motions are ignored. Its goal is clipped to lie
-    0.4 m inside the walls; where there are boxes or a registered scene, it ends 0.3 m before the camera would touch a
+    0.4 m inside the walls; where there are boxes or another scene, it ends 0.3 m before the camera would touch a
     body on its way, which is sensed. `ActiveSLAMDiscrete-v0` and `ActiveSLAMContinuous-v0` take other actions, see
     `ActiveSLAMDiscreteEnv` and `ActiveSLAMContinuousEnv`.
 
@@ -72,7 +73,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `features` | 1 | features in the filter over its slots | N + 13 |
     | `gain` | 1 | entropy removed since the reset, over the belief's dimensions 12 + 3 N | 10 bit per dimension |
 
-    Where a scenario has boxes or a registered scene, range finders follow, which read the truth:
+    Where a scenario has boxes or another scene, range finders follow, which read the truth:
 
     | Feature | Size | What it is | Is 1 at |
     |---|---|---|---|
@@ -130,11 +131,12 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `gaze_period` | `None` | time of a step [s], whole frames; `None`: at most the scenario's (0.25 s) |
     | `motion_period` | `1.0` | time of a translation [s], a whole number of gaze periods |
     | `duration` | `None` | time of an episode [s], a whole number of gaze periods; `None`: the scenario's (35 s) |
-    | `reward` | `"entropy"` | the potential: a name in `envs.reward.REWARDS` |
+    | `reward` | `"entropy"` | the potential: a name in `envs.reward.REWARDS`, or a function |
     | `lost_position_error` | `0.5` | true position error beyond which the episode is lost [m] |
     | `end_when_lost` | `True` | whether a lost episode is terminated |
     | `render_mode` | `None` | `"rgb_array"` or `"human"`, which warns and goes on where there is no screen |
     | `render_size` | `(960, 640)` | width and height of the picture [px] |
+    | `scene`, `sensor`, `estimator`, `criterion` | `None` | parts in place of the scenario's: names or objects |
 
     ## Information
 
@@ -185,15 +187,21 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         gaze_period: float | None = None,
         motion_period: float = 1.0,
         duration: float | None = None,
-        reward: str = "entropy",
+        reward: str | Potential = "entropy",
         lost_position_error: float = LOST_POSITION_ERROR,
         end_when_lost: bool = True,
         render_mode: str | None = None,
         render_size: tuple[int, int] = (960, 640),
+        scene: Any = None,
+        sensor: Any = None,
+        estimator: Any = None,
+        criterion: Any = None,
         **unknown: Any,
     ) -> None:
         if not (render_mode is None or (isinstance(render_mode, str) and render_mode in self.metadata["render_modes"])):
             raise ValueError(f"render_mode must be None, 'human' or 'rgb_array', got {render_mode!r}")
+        parts = {"scene": scene, "sensor": sensor, "estimator": estimator, "motion_criterion": criterion}
+        scenario = scenario_with(scenario, **parts)
         given = scenario, gaze_period, motion_period, duration, reward, lost_position_error, end_when_lost
         setting = resolve(*given, **unknown)
         super().__init__(setting, empty_runs(setting.scenario, 1), Workers(1))

@@ -14,7 +14,8 @@ from activeslam_gym.envs.actions import INDICES, PAIRS, POINTS, Encoding, action
 from activeslam_gym.envs.episode import BEGIN, REST, STEP, infos_of
 from activeslam_gym.envs.observation import observation_space
 from activeslam_gym.envs.public import BatchReads
-from activeslam_gym.envs.setting import checked_size, resolve
+from activeslam_gym.envs.reward import Potential
+from activeslam_gym.envs.setting import checked_size, resolve, scenario_with
 from activeslam_gym.envs.simulation import empty_runs
 from activeslam_gym.envs.snapshot import History, Snapshot, snapshot_of
 from activeslam_gym.kernels import row
@@ -59,7 +60,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         gaze_period: float | None = None,
         motion_period: float = 1.0,
         duration: float | None = None,
-        reward: str = "entropy",
+        reward: str | Potential = "entropy",
         lost_position_error: float = LOST_POSITION_ERROR,
         end_when_lost: bool = True,
         render_mode: str | None = None,
@@ -67,11 +68,17 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
         render_size: tuple[int, int] = (960, 640),
+        scene: Any = None,
+        sensor: Any = None,
+        estimator: Any = None,
+        criterion: Any = None,
         **unknown: Any,
     ) -> None:
         if not (render_mode is None or (isinstance(render_mode, str) and render_mode == "rgb_array")):
             raise ValueError(f"render_mode must be None or 'rgb_array' for a batch, got {render_mode!r}")
         self.num_envs = whole_number("num_envs", num_envs)
+        parts = {"scene": scene, "sensor": sensor, "estimator": estimator, "motion_criterion": criterion}
+        scenario = scenario_with(scenario, **parts)
         given = scenario, gaze_period, motion_period, duration, reward, lost_position_error, end_when_lost
         setting = resolve(*given, **unknown)
         workers = Workers(self.num_envs, num_threads)

@@ -1,10 +1,11 @@
-"""Checks of registered parts before an episode is played, as Gymnasium's `check_env` does for environments.
+"""Checks of parts before an episode is played, as Gymnasium's `check_env` does for environments.
 
-    check_scene({"scene": "mine"})
-    check_sensor({"sensor": "mine"})
-    check_estimator({"estimator": "mine"})
+    check_scene(Scene)
+    check_sensor(Sensor)
+    check_estimator(Estimator, {"association": "known"})
 
-Each takes a scenario and raises ValueError for the first law that its part breaks; the message names the part.
+Each takes a part, an object or its name, and a scenario; and raises ValueError for the first law that the part breaks.
+The message names the part.
 """
 
 from collections.abc import Mapping
@@ -13,14 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from activeslam_gym.config import Scenario, scenario_from
+from activeslam_gym.config import Scenario
 from activeslam_gym.envs.active_slam import ActiveSLAMEnv
+from activeslam_gym.envs.setting import scenario_with
 from activeslam_gym.motion import CAMERA_DIM, POSITION, QUATERNION
-from activeslam_gym.registry import array_of, asked
+from activeslam_gym.registry import array_of, asked, name_of, part_of
 from activeslam_gym.sensors.sensor import POINTS, SENSORS, Detections
 from activeslam_gym.slam.belief import start_of
 from activeslam_gym.slam.estimator import EKF
-from activeslam_gym.world.room import draw_scene
+from activeslam_gym.world.room import draw_scene, scene_factory
 from activeslam_gym.world.truth import Truth
 
 RAYS = 300
@@ -31,16 +33,18 @@ OVERCONFIDENT = 10.0  # times the expected normalised error squared
 Given = str | Mapping[str, Any] | Scenario
 
 
-def check_scene(scenario: Given, seed: int = 0) -> None:
-    """Check the scene of a scenario: bounds, lines of sight, clearances and samples agree with each other.
+def check_scene(scene: Any, scenario: Given = "paper", seed: int = 0) -> None:
+    """Check a scene: bounds, lines of sight, clearances and samples agree with each other.
 
     Raises:
         ValueError: it fails, answers in another form, or breaks a law: two scenes of one seed are equal; a line of
             sight is blocked both ways or none; a body that stops a point blocks the line through it; a sampled point is
             on a surface, with its normal into free space, and is not hidden by its own body.
     """
-    of = scenario_from(scenario)
-    what, rng = f"the scene {of.scene!r}", np.random.default_rng(seed)
+    of = scenario_with(scenario, scene=scene)
+    if fitted := getattr(scene_factory(of.scene), "fitted", None):
+        of = fitted(of)
+    what, rng = f"the scene {name_of(of.scene)!r}", np.random.default_rng(seed)
     scene, again = (draw_scene(of, np.random.default_rng(seed)) for _ in range(2))
     half, (low, high) = 0.5 * np.array(of.room_size), scene.bounds
     points, normals = scene.sample(RAYS, np.random.default_rng(seed))
@@ -72,22 +76,21 @@ def check_scene(scenario: Given, seed: int = 0) -> None:
     _demand(hidden <= few, what, f"blocks() hides {hidden} of {RAYS} points from the place before their own surface")
 
 
-def check_sensor(scenario: Given, seed: int = 0) -> None:
-    """Check the sensor of a scenario, and its model.
+def check_sensor(sensor: Any, scenario: Given = "paper", seed: int = 0) -> None:
+    """Check a sensor.
 
     Raises:
         ValueError: it fails, answers in another form, or breaks a law: noise depends on the seed and the time alone; it
-            is that of the model's covariance; Jacobians are the numerical ones; what is measured is visible.
+            has the stated covariance; Jacobians are the numerical ones; what is measured is visible.
     """
-    of = scenario_from(scenario)
-    what = f"the sensor {of.sensor!r}"
-    if of.sensor in SENSORS.own:
-        raise ValueError(f"{what} is the package's own; allowed: a registered one")
+    of = scenario_with(scenario, sensor=sensor)
+    what, make = f"the sensor {name_of(of.sensor)!r}", part_of("sensor", of.sensor, SENSORS)
+    if make is None:
+        raise ValueError(f"{what} is the package's own; allowed: one of yours")
     env = ActiveSLAMEnv(replace(of, sensor=POINTS, estimator=EKF), end_when_lost=False)
     env.reset(seed=seed)
-    first, twin = (asked(what, SENSORS[of.sensor], of, np.random.SeedSequence(seed)) for _ in range(2))
-    model = asked(f"model() of {what}", first.model)
-    noise = asked(f"noise of the model of {what}", lambda: np.array(model.noise, float))
+    first, twin = (asked(what, make, of, np.random.SeedSequence(seed)) for _ in range(2))
+    noise = asked(f"noise of {what}", lambda: np.array(first.noise, float))
     covariance = noise.ndim == 2 and (noise == noise.T).all() and _positive(noise)
     _demand(covariance, what, "has a noise that is no covariance")
     rng, seen, denied = np.random.default_rng(seed), 0, 0
@@ -102,29 +105,29 @@ def check_sensor(scenario: Given, seed: int = 0) -> None:
         for one in (first, twin):
             same = np.array_equal(values, _measured(one, what, truth, time, len(noise), len(points))[0])
             _demand(same, what, "measures something else at the same time, from the same seed")
-        visible = array_of(f"visible() of {what}", model.visible(env.belief, camera, points), (len(points),), bool)
+        visible = array_of(f"visible() of {what}", first.visible(camera, points), (len(points),), bool)
         real = labels >= 0
         seen, denied = seen + int(visible[labels[real]].sum()), denied + int((~visible[labels[real]]).sum())
         for value, label in zip(values[real], labels[real], strict=True):
-            z, H_x, H_y = _predicted(model, what, camera, points[label], len(noise))
+            z, H_x, H_y = _predicted(first, what, camera, points[label], len(noise))
             squares.append((value - z) @ np.linalg.solve(noise, value - z))
             if rng.random() < 0.1:
-                _check_jacobians(model, what, camera, points[label], H_x, H_y)
+                _check_jacobians(first, what, camera, points[label], H_x, H_y)
     _demand(len(squares) > 0, what, f"measured no landmark in {STEPS} steps")
     _demand(denied <= 0.1 * (seen + denied), what, f"measures {denied} of {seen + denied} that visible() denies")
     mean, slack = float(np.mean(squares)) / len(noise), 6.0 * np.sqrt(2.0 / (len(noise) * len(squares)))
-    _demand(abs(mean - 1.0) <= slack + 0.1, what, f"has {mean:.2f} times the noise that its model states")
+    _demand(abs(mean - 1.0) <= slack + 0.1, what, f"has {mean:.2f} times the noise that it states")
 
 
-def check_estimator(scenario: Given, seed: int = 0) -> None:
-    """Check the estimator of a scenario in a short episode of random actions; forms are checked by the environment.
+def check_estimator(estimator: Any, scenario: Given = "paper", seed: int = 0) -> None:
+    """Check an estimator in a short episode of random actions; forms are checked by the environment.
 
     Raises:
         ValueError: it fails, answers in another form, or breaks a law: it begins with the prior; covariances are
             positive definite; a landmark keeps its id; errors are not over `OVERCONFIDENT` times what it believes.
     """
-    of = scenario_from(scenario)
-    what = f"the estimator {of.estimator!r}"
+    of = scenario_with(scenario, estimator=estimator)
+    what = f"the estimator {name_of(of.estimator)!r}"
     env = ActiveSLAMEnv(of, end_when_lost=False)
     env.reset(seed=seed)
     env.action_space.seed(seed)
@@ -167,15 +170,15 @@ def _measured(sensor: Any, what: str, truth: Truth, time: float, d: int, count: 
     return values, labels
 
 
-def _predicted(model: Any, what: str, camera: np.ndarray, point: np.ndarray, d: int) -> list[np.ndarray]:
-    answer = asked(f"predict() of the model of {what}", lambda: tuple(model.predict(camera, point)))
+def _predicted(sensor: Any, what: str, camera: np.ndarray, point: np.ndarray, d: int) -> list[np.ndarray]:
+    answer = asked(f"predict() of {what}", lambda: tuple(sensor.predict(camera, point)))
     _demand(len(answer) == 3, what, f"predicts {len(answer)} arrays, not a measurement and two Jacobians")
     shapes = (d,), (d, 6), (d, 3)
-    return [array_of(f"predict() of the model of {what}", one, shape) for one, shape in zip(answer, shapes)]
+    return [array_of(f"predict() of {what}", one, shape) for one, shape in zip(answer, shapes)]
 
 
 def _check_jacobians(
-    model: Any, what: str, camera: np.ndarray, point: np.ndarray, H_x: np.ndarray, H_y: np.ndarray
+    sensor: Any, what: str, camera: np.ndarray, point: np.ndarray, H_x: np.ndarray, H_y: np.ndarray
 ) -> None:
     """Compare them with central differences: a rotation is perturbed in the world frame."""
     from scipy.spatial.transform import Rotation
@@ -190,7 +193,7 @@ def _check_jacobians(
             rotation = Rotation.from_rotvec(delta[3:6]) * Rotation.from_quat(np.roll(x[QUATERNION], -1))
             x[QUATERNION] = np.roll(rotation.as_quat(), 1)
             y += delta[6:]
-            ends.append(np.asarray(model.predict(x, y)[0], float))
+            ends.append(np.asarray(sensor.predict(x, y)[0], float))
         numerical, given = (ends[0] - ends[1]) / (2.0 * step), np.hstack((H_x, H_y))[:, k]
         scale = 1e-3 * max(1.0, float(np.abs(numerical).max()))
         of = f"column {k} of the Jacobians of predict(), {np.round(given, 4)}, is not {np.round(numerical, 4)}"

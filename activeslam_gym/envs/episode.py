@@ -7,7 +7,7 @@ import numpy as np
 
 from activeslam_gym.envs.identity import features_of_landmarks, landmark_errors
 from activeslam_gym.envs.observation import FARTHEST_CLEARANCE, observe
-from activeslam_gym.envs.reward import EVALUATION, LOST_PENALTY, REWARDS, potential_of_number
+from activeslam_gym.envs.reward import EVALUATION, LOST_PENALTY, REWARDS, Potential, potential_of_number
 from activeslam_gym.envs.run import EVENTS, Run, present, run_at
 from activeslam_gym.envs.simulation import advance, begin_motion
 from activeslam_gym.geometry import rotation_matrix
@@ -17,12 +17,12 @@ from activeslam_gym.kernels import borrowing, compiled, row, uncompiled
 from activeslam_gym.linalg import cholesky_in_place
 from activeslam_gym.metrics import UNSOUND_LOG_SCORE, camera_error, is_lost, log2_density, nees
 from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, QUATERNION
-from activeslam_gym.registry import REGISTERED
+from activeslam_gym.registry import FOREIGN, number_from
 from activeslam_gym.world.simulator import find_clearance
 
 STEP, BEGIN, REST = 0, -1, -2  # what a run does: a step; evaluate itself, as it has just been reset; nothing
-_ENTROPY = REWARDS.number("entropy")
-_LOST_PENALTY = len(REWARDS.own)  # entry of `terms` behind those of the package's rewards
+_ENTROPY = list(REWARDS).index("entropy")
+_LOST_PENALTY = len(REWARDS)  # entry of `terms` behind those of the package's rewards
 LOSS = 100.0  # what a loss costs, beside all that was gained [bit]
 
 
@@ -71,7 +71,7 @@ def end_step(run: Run, begins: bool) -> None:
         episode.terms[:] = 0.0
     else:
         episode.gain += episode.terms[_ENTROPY]
-        if run.models.task.reward >= 0:  # one of the package's own; see `give_registered_reward`
+        if run.models.task.reward >= 0:  # one of the package's own; see `give_foreign_reward`
             _give_reward(run)
     if run.models.motion.bodies:
         R_WC = rotation_matrix(run.world.state.camera[QUATERNION])
@@ -96,19 +96,21 @@ def _give_reward(run: Run) -> None:
     episode.reward += lost_penalty
 
 
-def give_registered_reward(name: str, runs: Run, phases: np.ndarray) -> None:
-    """After `play`: the potential ``name`` that is registered, and the reward of the step.
+def give_foreign_reward(name: str, potential: Potential, runs: Run, phases: np.ndarray) -> None:
+    """After `play`: a foreign ``potential`` of that ``name``, and the reward of the step.
 
     Where the estimate is not sound, the potential keeps its value. ``phases`` (B,) as in `play`.
     """
     for i in np.flatnonzero(phases != REST).tolist():
         episode = runs.episode[i]
-        before = float(episode.potential[REGISTERED])
+        before = float(episode.potential[FOREIGN])
         if episode.sound:
             where = f"after {episode.steps} steps of environment {i}"
-            episode.potential[REGISTERED] = REWARDS.value(name, where, episode.evaluation.copy())
+            episode.potential[FOREIGN] = number_from(
+                f"reward {name!r}", potential, episode.evaluation.copy(), where=where
+            )
         if phases[i] == STEP:
-            episode.terms[REGISTERED] = episode.potential[REGISTERED] - before
+            episode.terms[FOREIGN] = episode.potential[FOREIGN] - before
             uncompiled(_give_reward)(row(runs, i))
 
 
@@ -204,8 +206,8 @@ def _tree(values: dict[str, Any], lost: Any, reward: str, terms: Any, events: An
     info: dict[str, Any] = {name: values[name] for name in _TOLD}
     info["log2_det"] = {part: values[f"log2_det_{part}"] for part in ("camera", "map", "total")}
     info["lost"], info["lost_at_end"] = lost
-    names = (*REWARDS.own, LOST_PENALTY, *([reward] if reward not in REWARDS.own else []))
-    info["reward_terms"] = dict(zip(names, terms, strict=False))  # the last term is a registered reward's
+    names = (*REWARDS, LOST_PENALTY, *([reward] if reward not in REWARDS else []))
+    info["reward_terms"] = dict(zip(names, terms, strict=False))  # the last term is a foreign reward's
     info["events"] = dict(zip(EVENTS.names or (), events, strict=True))
     return info
 

@@ -34,7 +34,7 @@ GLOBAL_FEATURES |= {"motion": MOTION_COUNT, "uncertainty": 4, "mapped": 1, "coun
 """Name and length of each global feature, in order; `ActiveSLAMEnv` says what each is, and its scale."""
 
 SENSED_FEATURES = {"clearance": MOTION_COUNT}
-"""The same of the features that follow where there are boxes or a registered scene: how far each motion can go."""
+"""The same of the features that follow where there are boxes or another scene: how far each motion can go."""
 FARTHEST_CLEARANCE = 3.0  # as far as the range finders reach [m]
 
 TOKEN_FEATURES = {"direction": 3, "log_distance": 1, "log_uncertainty": 1, "log_depth_uncertainty": 1, "in_view": 1}

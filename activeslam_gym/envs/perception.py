@@ -1,8 +1,8 @@
-"""Registered scenes, sensors and estimators: the frame of a run, called from Python stage by stage.
+"""Foreign scenes, sensors and estimators: the frame of a run, called from Python stage by stage.
 
 A frame is control and true motion, measurement, estimation, and data association by the hidden labels. `episode.play`
 runs the four in one kernel for the scene `boxes`, the sensor `points` and the compiled estimators. Here the middle two
-belong to a `Perception`, and the others are the same kernels; a registered scene is asked between them.
+belong to a `Perception`, and the others are the same kernels; a foreign scene is asked between them.
 """
 
 from typing import Any, Protocol
@@ -24,12 +24,13 @@ from activeslam_gym.envs.simulation import (
 )
 from activeslam_gym.kernels import row, uncompiled
 from activeslam_gym.motion import POSITION, QUATERNION
-from activeslam_gym.registry import array_of, asked
-from activeslam_gym.sensors.points import PointModel
+from activeslam_gym.registry import array_of, asked, name_of, part_of
+from activeslam_gym.sensors.points import PointSensor
 from activeslam_gym.sensors.sensor import CORNERS, IMAGES, POINTS, SENSORS, Detections
 from activeslam_gym.slam.association import REJECTED
+from activeslam_gym.slam.ekf import ESTIMATORS
 from activeslam_gym.slam.estimate import Estimate, put_estimate
-from activeslam_gym.slam.estimator import COMPILED, ESTIMATORS, Measurements
+from activeslam_gym.slam.estimator import COMPILED, Measurements
 from activeslam_gym.world.bodies import drop_hidden, narrow_clearance, push_out, reach_of_command
 from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.truth import truth_of
@@ -41,7 +42,7 @@ class Perception(Protocol):
     """The scene, the sensor and the estimator of one run."""
 
     scene: Scene | None
-    """The registered scene; None: the boxes of the world's arrays."""
+    """The foreign scene; None: the boxes of the world's arrays."""
 
     def begin(self, run: Run) -> None:
         """After a reset: write the prior into the estimate."""
@@ -66,13 +67,13 @@ def perception_of(setting: Setting, run: Run, start: Start, key: int) -> Percept
         return CornerPerception(setting, run, start.mean[:7], seed)
     if setting.scenario.sensor == POINTS and setting.scenario.estimator in COMPILED:
         return PointPerception(start.scene)
-    return PluggedPerception(setting, run, start, seed)
+    return PluggedPerception(run, start, seed)
 
 
 def is_compiled(setting: Setting) -> bool:
     """Whether whole steps run in one kernel."""
     scenario = setting.scenario
-    return scenario.sensor == POINTS and scenario.estimator in COMPILED and not scenario.has_registered_scene
+    return scenario.sensor == POINTS and scenario.estimator in COMPILED and not scenario.has_foreign_scene
 
 
 def play_rows(
@@ -124,7 +125,7 @@ def _sense(scene: Scene | None, run: Run) -> bool:
 
 
 class PointPerception:
-    """The simulated points and a compiled estimator, in a registered ``scene``."""
+    """The simulated points and a compiled estimator, in a foreign ``scene``."""
 
     def __init__(self, scene: Scene | None) -> None:
         self.scene = scene
@@ -140,21 +141,22 @@ class PointPerception:
 
 
 class PluggedPerception:
-    """A registered sensor, or the simulated points, with a registered estimator. What they answer is checked here."""
+    """A foreign sensor, or the simulated points, with any estimator. What they answer is checked here."""
 
-    def __init__(self, setting: Setting, run: Run, start: Start, seed: np.random.SeedSequence) -> None:
-        scenario, self.scene = setting.scenario, start.scene
-        self._sensed, self._name = f"the sensor {scenario.sensor!r}", f"the estimator {scenario.estimator!r}"
+    def __init__(self, run: Run, start: Start, seed: np.random.SeedSequence) -> None:
+        scenario, self.scene = start.scenario, start.scene
+        self._sensed = f"the sensor {name_of(scenario.sensor)!r}"
+        self._name = f"the estimator {name_of(scenario.estimator)!r}"
         boxes, fiducials = uncompiled(known_boxes)(run).copy(), run.world.fiducials.copy()
         self._dt = scenario.frame_time
-        self._sensor: Any = None
-        if scenario.sensor == POINTS:
-            self.model: Any = PointModel(scenario, boxes)
-        else:
-            self._sensor = asked(self._sensed, SENSORS[scenario.sensor], scenario, seed)
-            self.model = asked(f"model() of {self._sensed}", lambda: self._sensor.model())
-        self._noise = asked(f"noise of the model of {self._sensed}", _noise_of, self.model)
-        self._estimator = asked(self._name, ESTIMATORS[scenario.estimator], scenario, fiducials, self.model)
+        self._simulated = scenario.sensor == POINTS
+        make_sensor = PointSensor if self._simulated else part_of("scenario.sensor", scenario.sensor, SENSORS)
+        self.sensor = asked(self._sensed, make_sensor, scenario, seed)
+        if hasattr(self.sensor, "boxes"):
+            self.sensor.boxes = boxes
+        self._noise = asked(f"noise of {self._sensed}", _noise_of, self.sensor)
+        make = part_of("scenario.estimator", scenario.estimator, ESTIMATORS)
+        self._estimator = asked(self._name, make, scenario, fiducials, self.sensor)
         asked(f"reset() of {self._name}", lambda: self._estimator.reset(start.mean, start.covariance))
 
     def begin(self, run: Run) -> None:
@@ -199,12 +201,12 @@ class PluggedPerception:
 
     def _measured(self, run: Run) -> np.ndarray:
         """(M, d) the measurements; writes their pixels, labels and, where the scenario gives them, ids."""
-        if self._sensor is None:
+        if self._simulated:
             _sense(self.scene, run)
             return run.candidate["pixel"][: int(run.episode.detections)].copy()
         time, what = (int(run.world.state.frame) + 1) * self._dt, f"measure() of {self._sensed}"
         truth = truth_of(run.world, self.scene or box_scene(run))
-        given = asked(what, lambda: Detections(*self._sensor.measure(truth, time)))
+        given = asked(what, lambda: Detections(*self.sensor.measure(truth, time)))
         values = array_of(f"values of {what}", given.values, (None, len(self._noise)))
         labels = array_of(f"labels of {what}", given.labels, (len(values),), int)
         room, points = len(run.candidate), len(truth.fiducials) + len(truth.landmarks)
@@ -220,9 +222,9 @@ class PluggedPerception:
         return values
 
 
-def _noise_of(model: Any) -> np.ndarray:
-    """The noise (d, d) of a sensor's model, d of 2 or more; raises where it is no covariance."""
-    noise = array_of("it", model.noise, (None, None))
+def _noise_of(sensor: Any) -> np.ndarray:
+    """The noise (d, d) of a sensor, d of 2 or more; raises where it is no covariance."""
+    noise = array_of("it", sensor.noise, (None, None))
     if not len(noise) >= 2 or not np.allclose(noise, noise.T, _ROUNDING) or not np.isfinite(noise).all():
         raise ValueError(f"it must be finite, symmetric and of 2 rows or more, got {noise!r}")
     np.linalg.cholesky(noise)

@@ -9,7 +9,7 @@ import numpy as np
 
 from activeslam_gym.config import MOST_HELD_FRAMES
 from activeslam_gym.envs.context import context_of
-from activeslam_gym.envs.episode import give_registered_reward, play
+from activeslam_gym.envs.episode import give_foreign_reward, play
 from activeslam_gym.envs.identity import Labels, features_of_landmarks, landmark_errors
 from activeslam_gym.envs.perception import is_compiled, perception_of, play_rows
 from activeslam_gym.envs.planning import frames_left, net_of_runs, predicted_belief, score_runs
@@ -18,13 +18,13 @@ from activeslam_gym.envs.setting import Setting
 from activeslam_gym.envs.simulation import box_scene, reset_run
 from activeslam_gym.information import candidates
 from activeslam_gym.information.candidates import PredictedBelief, sight_after
-from activeslam_gym.information.criteria import CRITERIA, NET
+from activeslam_gym.information.criteria import CRITERIA, NET, Criterion
 from activeslam_gym.information.net import Forecast
 from activeslam_gym.information.registered import score_plans_with, sight_by
 from activeslam_gym.kernels import row, uncompiled
 from activeslam_gym.metrics import camera_error, nees
 from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, GAZE_COUNT, MOTION_COUNT
-from activeslam_gym.registry import REGISTERED, asked
+from activeslam_gym.registry import FOREIGN, asked, name_of, number_of
 from activeslam_gym.sensors.sensor import SENSORS, TEXTURED
 from activeslam_gym.slam.estimate import Estimate, read_only, taken_estimate
 from activeslam_gym.threads import Workers
@@ -32,6 +32,7 @@ from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.truth import Truth, truth_of
 
 _LONGEST_HORIZON = 4
+_OWN_SENSORS = tuple(SENSORS)  # which a part that is no string is none of, whether it has a hash or not
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ class Reads:
         self.lost_position_error = float(task.lost_position_error)
         """Error of the position from which on a run is lost [m]."""
         self._runs, self._workers, self._compiled = runs, workers, is_compiled(setting)
-        self._registered_reward = int(task.reward) == REGISTERED  # a field of a record is slow to read
+        self._foreign_reward = int(task.reward) == FOREIGN  # a field of a record is slow to read
         self._end_when_lost = bool(task.end_when_lost)
         self._perceptions: list[Any] = [None] * len(runs.episode)
         self._motion_frames = int(task.frames_per_step) * self.steps_per_motion
@@ -125,8 +126,8 @@ class Reads:
         else:  # parts in Python, whose threads would wait for each other
             with self._workers.alone:
                 play_rows(self._runs, self._perceptions, phases, commands, 0, len(phases))
-        if self._registered_reward:
-            give_registered_reward(self.setting.reward, self._runs, phases)
+        if self._foreign_reward:
+            give_foreign_reward(self.setting.reward, self.setting.potential, self._runs, phases)
 
     # For policies ---------------------------------------------------------------------------------------------------
 
@@ -145,11 +146,11 @@ class Reads:
         """What a policy for several scenarios needs beside the observation; `envs.context.CONTEXT_FEATURES`."""
         return self._given(context_of(self._runs, self.duration))
 
-    def scores(self, plans: np.ndarray, criterion: str = "mutual_information") -> np.ndarray:
+    def scores(self, plans: np.ndarray, criterion: str | Criterion = "mutual_information") -> np.ndarray:
         """(A,) what each of ``plans`` (A, L) of `information.candidates.ACTION` would teach.
 
         Raises:
-            ValueError: there is no such criterion, motion or gaze, or ``plans`` is no such array; or a registered
+            ValueError: there is no such criterion, motion or gaze, or ``plans`` is no such array; or a foreign
                 criterion returns anything but a finite number.
             gymnasium.error.ResetNeeded: no run has begun.
         """
@@ -162,39 +163,40 @@ class Reads:
         """
         return Forecast(*map(self._given, self._evaluated(candidates.checked_plans(plans), "net_information")))
 
-    def _scores(self, plans: np.ndarray, criterion: str) -> np.ndarray:
+    def _scores(self, plans: np.ndarray, criterion: str | Criterion) -> np.ndarray:
         return self._given(self._evaluated(plans, criterion)[0])
 
-    def _evaluated(self, plans: np.ndarray, criterion: str) -> np.ndarray:
+    def _evaluated(self, plans: np.ndarray, criterion: str | Criterion) -> np.ndarray:
         """(2, B, A) scores of ``plans``, and `Forecast.position_std`, which `score_runs` leaves at 0."""
-        number, out = CRITERIA.number(criterion), np.zeros((2, len(self._runs.episode), len(plans)))
+        number = number_of("criterion", criterion, CRITERIA)
+        out, own_sensor = np.zeros((2, len(self._runs.episode), len(plans))), self.scenario.sensor in _OWN_SENSORS
         if not self._runs.episode["begun"].all():
             raise gymnasium.error.ResetNeeded("there is nothing to score before the first reset()")
-        if number == NET and self.scenario.sensor in SENSORS.own:
+        if number == NET and own_sensor:
             self._workers.call(net_of_runs, self._runs, plans, self.gaze_period, out)
-        elif number != REGISTERED and self.scenario.sensor in SENSORS.own:
+        elif number != FOREIGN and own_sensor:
             self._workers.call(score_runs, self._runs, plans, self.gaze_period, number, out[0])
         else:
             for i in range(out.shape[1]):
                 out[:, i] = self._evaluated_in_python(i, plans, criterion)
         return out
 
-    def _evaluated_in_python(self, i: int, plans: np.ndarray, criterion: str) -> np.ndarray:
-        """(2, A) what `_evaluated` gives run ``i``, with a registered sensor or by a registered criterion."""
+    def _evaluated_in_python(self, i: int, plans: np.ndarray, criterion: str | Criterion) -> np.ndarray:
+        """(2, A) what `_evaluated` gives run ``i``, with a foreign sensor or by a foreign criterion."""
         run = row(self._runs, i)
         given, camera, time = predicted_belief(run), run.models.camera, int(run.episode.steps) * self.gaze_period
         if criterion == "net_information":
             given = candidates.without_present(camera, given)
         var = float(camera.pixel_std**2)
-        if self.scenario.sensor in SENSORS.own:
+        if self.scenario.sensor in _OWN_SENSORS:
             look = partial(sight_after, camera, given)
         else:
-            sight = partial(sight_by, self._perceptions[i].model, given, taken_estimate(run.estimate), var)
-            look = partial(asked, f"the model of the sensor {self.scenario.sensor!r}", sight)
+            sight = partial(sight_by, self._perceptions[i].sensor, given, var)
+            look = partial(asked, f"the sensor {name_of(self.scenario.sensor)!r}", sight)
         frames = int(uncompiled(frames_left)(run))
         return score_plans_with(look, run.models.motion, given, time, plans, criterion, var, frames)
 
-    def motion_scores(self, criterion: str = "mutual_information") -> np.ndarray:
+    def motion_scores(self, criterion: str | Criterion = "mutual_information") -> np.ndarray:
         """(7,) what each motion would teach at its clipped goal, gaze STAY; see `information`.
 
         The covariance is propagated over the motion period from the present estimate, and one set of measurements is
@@ -206,19 +208,19 @@ class Reads:
         """
         return self._scores(self._motion_plans, criterion)
 
-    def gaze_scores(self, criterion: str = "fisher_trace") -> np.ndarray:
+    def gaze_scores(self, criterion: str | Criterion = "fisher_trace") -> np.ndarray:
         """(3,) what each turn would teach at the present position; raises as `motion_scores`.
 
         After one gaze period, or the scenario's ``gaze_horizon``.
         """
         return self._scores(self._gaze_plans, criterion)
 
-    def joint_scores(self, criterion: str = "mutual_information") -> np.ndarray:
+    def joint_scores(self, criterion: str | Criterion = "mutual_information") -> np.ndarray:
         """(7, 3) what each motion would teach with each gaze held for its period; raises as `motion_scores`."""
         scores = self._scores(self._joint_plans, criterion)
         return np.swapaxes(scores.reshape(*scores.shape[:-1], GAZE_COUNT, MOTION_COUNT), -1, -2)
 
-    def motion_score(self, motion: int, criterion: str = "mutual_information") -> Any:
+    def motion_score(self, motion: int, criterion: str | Criterion = "mutual_information") -> Any:
         """What one motion would teach; see `motion_scores`, and raises so, and ValueError for a motion that is none."""
         if motion not in range(MOTION_COUNT):
             raise ValueError(f"motion must be in 0 … {MOTION_COUNT - 1}, got {motion!r}")
@@ -247,8 +249,8 @@ class Reads:
 
     def _scenes(self) -> tuple[Scene, ...]:
         """The scene of each run."""
-        registered = [getattr(perception, "scene", None) for perception in self._perceptions]
-        return tuple(scene or box_scene(row(self._runs, i)) for i, scene in enumerate(registered))
+        foreign = [getattr(perception, "scene", None) for perception in self._perceptions]
+        return tuple(scene or box_scene(row(self._runs, i)) for i, scene in enumerate(foreign))
 
     def _at(self, i: int) -> Run:
         """Run ``i``, with its whole estimate."""

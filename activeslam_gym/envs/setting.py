@@ -2,10 +2,9 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-import activeslam_gym.slam.filter  # noqa: F401  (registers the estimator "ekf")
 from activeslam_gym.camera import camera_of
 from activeslam_gym.config import (
     BOUNDS,
@@ -19,19 +18,22 @@ from activeslam_gym.config import (
     whole_number,
 )
 from activeslam_gym.envs.observation import ObservationLayout, layout_of
-from activeslam_gym.envs.reward import REWARDS
+from activeslam_gym.envs.reward import REWARDS, Potential
 from activeslam_gym.envs.run import MODELS, TASK
 from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.information.sensor_limits import UNLIMITED, SensorLimits
 from activeslam_gym.kernels import Record, filled
 from activeslam_gym.motion import motion_of
+from activeslam_gym.registry import name_of, number_of, part_of
 from activeslam_gym.sensors.sensor import SENSORS, TEXTURED
-from activeslam_gym.slam.estimator import ESTIMATORS
+from activeslam_gym.slam.ekf import ESTIMATORS
 from activeslam_gym.slam.frame import filter_of
 from activeslam_gym.world.room import scene_factory
 from activeslam_gym.world.simulator import sensor_of
 
-_NO_FIELDS = ("motion_period", "reward", "lost_position_error", "end_when_lost", "render_mode", "render_size")
+_NO_FIELDS = (
+    *("motion_period", "reward", "criterion", "lost_position_error", "end_when_lost", "render_mode", "render_size"),
+)
 """Arguments of an environment that no scenario has as a field."""
 PICTURE_SIDE = (64, 8192)  # the least and the most pixels of a picture's side
 
@@ -45,6 +47,9 @@ class Setting:
     motion_period: float
     duration: float
     reward: str
+    """Its name."""
+    potential: Potential
+    """The function of it."""
     models: Record
     """MODELS."""
     layout: ObservationLayout
@@ -60,12 +65,17 @@ class Setting:
         return max(1, round(1.0 / self.gaze_period))
 
 
+def scenario_with(scenario: str | Mapping[str, Any] | Scenario, **parts: Any) -> Scenario:
+    """The scenario with those of the ``parts`` that are given, which are fields of it: names or objects."""
+    return replace(scenario_from(scenario), **{name: part for name, part in parts.items() if part is not None})
+
+
 def resolve(
     scenario: str | Mapping[str, Any] | Scenario,
     gaze_period: float | None,
     motion_period: float,
     duration: float | None,
-    reward: str,
+    reward: str | Potential,
     lost_position_error: float,
     end_when_lost: bool = True,
     **unknown: Any,
@@ -94,10 +104,10 @@ def resolve(
     steps = whole_multiple("duration", duration, "gaze_period", step_time)
     if not isinstance(end_when_lost, bool):
         raise ValueError(f"end_when_lost must be True or False, got {end_when_lost!r}")
-    if check := getattr(ESTIMATORS[resolved.estimator], "check", None):
+    if check := getattr(part_of("scenario.estimator", resolved.estimator, ESTIMATORS), "check", None):
         check(resolved)
-    SENSORS.require(resolved.sensor)
-    CRITERIA.require(resolved.motion_criterion, "scenario.motion_criterion")
+    part_of("scenario.sensor", resolved.sensor, SENSORS)
+    part_of("scenario.motion_criterion", resolved.motion_criterion, CRITERIA)
     if resolved.sensor in TEXTURED:
         from activeslam_gym.envs.textured import require_textured
 
@@ -107,7 +117,7 @@ def resolve(
         frames_per_step=frames_per_step,
         steps_per_motion=steps_per_motion,
         steps=steps,
-        reward=REWARDS.number(reward),
+        reward=number_of("reward", reward, REWARDS),
         lost_position_error=positive_number("lost_position_error", lost_position_error, "metres"),
         end_when_lost=end_when_lost,
         labelled_first_match=resolved.labelled_first_match,
@@ -118,7 +128,8 @@ def resolve(
         gaze_period=step_time,
         motion_period=steps_per_motion * step_time,
         duration=steps * step_time,
-        reward=reward,
+        reward=name_of(reward),
+        potential=part_of("reward", reward, REWARDS),
         models=models_of(resolved, task, steps_per_motion * step_time),
         layout=layout_of(resolved),
     )

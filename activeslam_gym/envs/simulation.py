@@ -76,7 +76,8 @@ class Start(NamedTuple):
 
     mean: np.ndarray  # (13,) of the camera's prior
     covariance: np.ndarray  # (12, 12) of the camera's prior
-    scene: Scene | None  # the registered scene; None: the boxes of the world's arrays
+    scene: Scene | None  # the foreign scene; None: the boxes of the world's arrays
+    scenario: Scenario  # with its varied fields as they are drawn
 
 
 def reset_run(setting: Setting, runs: Run, i: int, key: int) -> Start:
@@ -109,7 +110,7 @@ def reset_run(setting: Setting, runs: Run, i: int, key: int) -> Start:
     if scenario.labelled_first_match:
         face_fiducials(run, mean, np.random.default_rng(sight))
     reset_belief(run.ekf, mean, covariance)
-    return Start(mean, covariance, drawn.scene)
+    return Start(mean, covariance, drawn.scene, scenario)
 
 
 def box_scene(run: Run) -> BoxScene:
@@ -144,7 +145,7 @@ def begin_motion(run: Run, command: np.ndarray, reach: float) -> None:
     """Read a motion, ``command`` (>= 3,): its goal from the estimated position, clipped into the room.
 
     Where there are boxes it stops short of what is in the way, or keeps off it on all sides. ``reach``: so far a
-    registered scene lets the camera go [m]; infinite where there is none.
+    foreign scene lets the camera go [m]; infinite where there is none.
     """
     control, motion, camera = run.episode.control, run.models.motion, odometry(run)
     d = motion.step_length * command[:3]

@@ -18,7 +18,7 @@ from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.simulator import boxes_of
 from activeslam_gym.world.truth import truth_of
 
-_PLACES, _LEVEL_RAYS = 40, 180  # of the rays that draw the floor plan of a registered scene
+_PLACES, _LEVEL_RAYS = 40, 180  # of the rays that draw the floor plan of a foreign scene
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Snapshot:
     boxes: np.ndarray
     """(B, 2, 3) lowest and highest corner of each [m]."""
     floor_plan: np.ndarray
-    """(n, 3) where the bodies of a registered scene stand, on its floor [m]."""
+    """(n, 3) where the bodies of a foreign scene stand, on its floor [m]."""
     true_position: np.ndarray
     true_quaternion: np.ndarray
     true_landmarks: np.ndarray

@@ -36,7 +36,7 @@ def require_textured(scenario: Scenario) -> None:
         ModuleNotFoundError: OpenCV is not installed.
     """
     opencv()
-    if scenario.has_registered_scene:
+    if scenario.has_foreign_scene:
         message = f"scenario.scene must be {BOXES!r} with the sensor {scenario.sensor!r}"
         raise ValueError(f"{message}, got {scenario.scene!r}")
     for name, value in _DEMANDED.items():

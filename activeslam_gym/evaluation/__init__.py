@@ -1,7 +1,7 @@
 """One way to play an episode, one record of it, and one store of records."""
 
 from activeslam_gym.evaluation.episode import TARGET, Episode, gaze_counts, motion_counts, outcome
-from activeslam_gym.evaluation.play import Measure, Observer, Predictor, matched_ids, play, run_episode
+from activeslam_gym.evaluation.play import Measure, Observer, Predictor, bound, matched_ids, play, run_episode
 from activeslam_gym.evaluation.store import Store
 
 __all__ = [
@@ -11,6 +11,7 @@ __all__ = [
     "Measure",
     "Predictor",
     "Store",
+    "bound",
     "gaze_counts",
     "matched_ids",
     "motion_counts",

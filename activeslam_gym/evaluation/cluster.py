@@ -22,7 +22,6 @@ from typing import Any, TypeVar
 
 from activeslam_gym.evaluation.code import installation, processor
 from activeslam_gym.files import argument
-from activeslam_gym.registry import REGISTRIES
 
 T = TypeVar("T", bound=Sequence)
 R = TypeVar("R")
@@ -51,8 +50,7 @@ def on_cluster(
     """
     ray = _connected(address, files)
     head = address if "://" in address else ray.get_runtime_context().gcs_address
-    registered = {one.kind: {name: one[name] for name in one if name not in one.own} for one in REGISTRIES}
-    given = ray.put(ray.cloudpickle.dumps((function, registered, FOUND))), ray.put(installation())
+    given = ray.put(ray.cloudpickle.dumps((function, FOUND))), ray.put(installation())
     on_node = ray.remote(num_cpus=1, max_retries=1)(_on_node())
     refused, kinds, pending, asked = dict[str, str](), {processor()}, dict[Any, Sequence[T]](), -inf
     cores = max(1, int(ray.cluster_resources().get("CPU", 1)))
@@ -134,10 +132,8 @@ def start_worker() -> None:
 def play(work: bytes, chunk: bytes) -> bytes:
     """The outcomes of a chunk, in a process of a cluster."""
     start_worker()
-    function, registered, found = pickle.loads(work)
+    function, found = pickle.loads(work)
     FOUND.update(found)
-    for registry in REGISTRIES:
-        registry.update(registered[registry.kind])
     return pickle.dumps([function(task) for task in pickle.loads(chunk)])
 
 

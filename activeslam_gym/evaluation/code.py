@@ -3,6 +3,7 @@
 import hashlib
 import os
 import platform
+import re
 import subprocess
 import sysconfig
 from collections.abc import Iterable
@@ -12,7 +13,6 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from activeslam_gym import BEHAVIOUR, __version__
-from activeslam_gym.registry import REGISTRIES
 
 LIBRARIES = (
     *("gymnasium", "numba", "numpy", "scipy"),
@@ -96,22 +96,12 @@ def own_files(modules: Iterable[str]) -> dict[str, Path]:
     return found
 
 
-def foreign_modules() -> set[str]:
-    """The modules of registered entries of other packages."""
-    entries = [one[name] for one in REGISTRIES for name in one if name not in one.own]
-    return {getattr(entry, "__module__", "") for entry in entries} - {"", "__main__"}
+_PART = re.compile(r'"(?:scene|sensor|estimator|motion_criterion|reward)": "([\w.]+):[^"]+"')
 
 
-def foreign_parts(text: str) -> list[str]:
-    """Registered entries of other packages, of those whose names stand in quotes in ``text``: their code may read files
-    and use libraries, so results that depend on them are not identified.
+def foreign_modules(settings: str) -> set[str]:
+    """Modules of a user's own parts, 'package.module:name', in the JSON of an environment's settings.
 
-    Scenarios are data, which a key holds in full.
+    Their code may read files and use libraries, so results that depend on them are not identified.
     """
-    return [
-        f"{registry.kind} {name}"
-        for registry in REGISTRIES
-        for name, entry in registry.items()
-        if name not in registry.own and callable(entry) and f'"{name}"' in text
-        if getattr(entry, "__module__", "").partition(".")[0] not in COUNTED
-    ]
+    return {name for name in _PART.findall(settings) if name.partition(".")[0] not in COUNTED}

@@ -40,24 +40,61 @@ class Predictor(Protocol):
         """Return the action for `observation`, and the recurrent state."""
 
 
+PolicyLike = Predictor | Callable[[Any], Any]
+
+
+class Called:
+    """The policy of a function ``policy(env)``, which is asked for the action of each step: a `Predictor`.
+
+    A function that returns a `Predictor` is called once, and makes the policy.
+    """
+
+    def __init__(self, policy: Callable[[Any], Any], env: gym.Env | gym.vector.VectorEnv) -> None:
+        self._policy, self._env = policy, env
+        self._made: Predictor | None = None
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Any, Any]:
+        """Return the action for the environment's present belief, and the recurrent state."""
+        if self._made is None:
+            answer = self._policy(self._env)
+            if answer is None:
+                raise ValueError(
+                    "policy(env) must return an action, or an object with predict(observation, …), got None"
+                )
+            if not hasattr(answer, "predict"):
+                return answer, state
+            self._made = answer
+        return self._made.predict(observation, state, episode_start, deterministic)
+
+
+def bound(policy: PolicyLike, env: gym.Env | gym.vector.VectorEnv) -> Predictor:
+    """The ``policy`` as it is, where it can `predict`; a class of policies, or a function, as one bound to ``env``."""
+    if isinstance(policy, type):
+        return policy(env)
+    return policy if hasattr(policy, "predict") else Called(policy, env)
+
+
 def run_episode(
-    env: gym.Env, policy: Predictor, seed: int, name: str = "policy", observers: Sequence[Observer] = ()
+    env: gym.Env, policy: PolicyLike, seed: int, name: str = "policy", observers: Sequence[Observer] = ()
 ) -> Episode:
-    """Run one episode of `policy`, bound to `env` (a single environment), from `reset(seed=seed)` to its end."""
+    """Run one episode of `policy` (see `play`) in a single environment, from `reset(seed=seed)` to its end."""
     return play(env, policy, [seed], name, observers=[observers])[0]
 
 
 def play(
     env: gym.Env | gym.vector.VectorEnv,
-    policy: Predictor,
+    policy: PolicyLike,
     seeds: Sequence[int],
     name: str = "policy",
     settings: str = "{}",
     observers: Sequence[Sequence[Observer]] = (),
     period: float = 0.0,
 ) -> list[Episode]:
-    """Play the episodes of ``seeds`` with ``policy``, which is bound to ``env``: one, or a batch, to the bit the same.
+    """Play the episodes of ``seeds`` with ``policy`` in ``env``: one, or a batch, to the bit the same.
 
+    ``policy``: bound to ``env``, or a function ``policy(env)`` that returns an action, or a policy.
     ``observers``: of each episode. ``period``: time between samples [s], every step if 0; start and end are always
     sampled.
 
@@ -65,6 +102,7 @@ def play(
         ValueError: the seeds are not as many as the environments, or those do not end together.
     """
     core: Any = env.unwrapped
+    policy = bound(policy, env)
     batched = hasattr(core, "num_envs")
     rows = [core.run(i) for i in range(core.num_envs)] if batched else [core]
     if len(seeds) != len(rows):

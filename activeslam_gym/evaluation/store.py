@@ -15,13 +15,13 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from activeslam_gym.evaluation.code import LIBRARIES, foreign_parts, package_sources, package_versions
+from activeslam_gym.evaluation.code import LIBRARIES, foreign_modules, package_sources, package_versions
 from activeslam_gym.evaluation.parallel import run_all
 from activeslam_gym.files import remove_unfinished, written_whole
 
 Arrays = dict[str, NDArray[Any]]
 Key = dict[str, Any]
-"""JSON-plain: what a result depends on, beside this package, the libraries and the registered entries that it names."""
+"""JSON-plain: what a result depends on, beside this package, the libraries and the user's own parts that it names."""
 
 
 class Job(Protocol):
@@ -47,8 +47,8 @@ class Store:
     """A folder of results, each a file of arrays whose name ends in the digest of its key.
 
     A key is completed with the sources of `activeslam_gym` and the versions of `code.LIBRARIES`. The type of the
-    processor is no part of it. Without a ``folder`` nothing is kept, nor is a result of a registered criterion, reward,
-    estimator, sensor or scene of another package, whose files and libraries are not known. What is missing is made by
+    processor is no part of it. Without a ``folder`` nothing is kept, nor is a result of a user's own criterion, reward,
+    estimator, sensor or scene, whose files and libraries are not known. What is missing is made by
     ``workers``: so many processes, or a cluster at an address (see `parallel.run_all`).
     """
 
@@ -119,7 +119,7 @@ class Store:
                     yield job, arrays
 
     def _path(self, label: str, key: Key) -> Path | None:
-        if self.folder is None or foreign_parts(json.dumps(key)):
+        if self.folder is None or foreign_modules(json.dumps(key)):
             return None
         digest = hashlib.sha256(_completed(key).encode()).hexdigest()[:20]
         return self.folder / f"{re.sub(r'[^A-Za-z0-9_.-]', '_', label)}-{digest}.npz"

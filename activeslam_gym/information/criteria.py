@@ -2,8 +2,8 @@
 
 ``P`` (12 + 3 M, 12 + 3 M) is the joint covariance of camera and points when the measurements are taken, ``sight`` what
 is in view then, ``pixel_var`` the variance of the image noise [px^2]. With nothing in view each is 0. Those of this
-module are compiled into the kernel of the scores. A criterion that ``@CRITERIA.register("mine")`` adds elsewhere, at
-run time, is called from Python: every score and policy knows it by that name.
+module are compiled into the kernel of the scores. Any other function of these three is called from Python: scores and
+policies take it in place of a name.
 
 Mutual information is never taken from determinants of P: by the determinant lemma it is 1/2 log2(|S| / |R|), with S
 stacked over all predicted measurements. The same number, O(m^3), and no singularity for a fully correlated map. (The
@@ -11,29 +11,25 @@ idea in general: Kopitkov and Indelman, "No belief propagation required", IJRR 2
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 
 import numpy as np
 
 from activeslam_gym.kernels import compiled, one_of
 from activeslam_gym.linalg import cholesky_in_place, copy_block, log2_det, product, solve_transposed, subtract_symmetric
 from activeslam_gym.motion import CAMERA_DIM
-from activeslam_gym.registry import Registry
 from activeslam_gym.slam.sight import Sight
 
 Criterion = Callable[[np.ndarray, Sight, float], float]
-CRITERIA: Registry[Criterion] = Registry("criterion")
-"""The criteria by name."""
 
 
-@CRITERIA.register("mutual_information")
 @compiled
 def mutual_information(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     """I(x; z) = 1/2 log2(|S| / |R|) [bit]: section III-A's measure, by the determinant lemma."""
     return 0.5 * (log2_det(sight.S) - sight.S.shape[0] * math.log2(pixel_var))
 
 
-@CRITERIA.register("net_information")
 @compiled
 def net_information(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     """`mutual_information` of one set of measurements [bit]; scores of plans by this name are `net.net_of_plans`.
@@ -44,14 +40,12 @@ def net_information(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     return mutual_information(P, sight, pixel_var)
 
 
-@CRITERIA.register("mutual_information_camera")
 @compiled
 def mutual_information_camera(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     """I(camera; z) [bit]: for a map that is fully correlated, where the paper replaces x by x_v."""
     return information_about(np.arange(CAMERA_DIM), P, sight)
 
 
-@CRITERIA.register("mutual_information_position_map")
 @compiled
 def mutual_information_position_map(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     """I(position and map; z) [bit]: the live system's measure, which leaves gaze and velocities out (section V).
@@ -75,7 +69,6 @@ def _whitened(P: np.ndarray, sight: Sight) -> np.ndarray:
     return A
 
 
-@CRITERIA.register("fisher_trace")
 @compiled
 def fisher_trace(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     """tr J of J = sum_i H_i^T S_i^-1 H_i over the tangent (section III-B), literally.
@@ -86,7 +79,6 @@ def fisher_trace(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     return np.sum(A * A)
 
 
-@CRITERIA.register("fisher_max_eigenvalue")
 @compiled
 def fisher_max_eigenvalue(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     """Largest eigenvalue of the same J = A^T A (the end of section III-B), which is that of A A^T (2 v, 2 v) too."""
@@ -94,7 +86,6 @@ def fisher_max_eigenvalue(P: np.ndarray, sight: Sight, pixel_var: float) -> floa
     return np.linalg.eigvalsh(product(A, A.T))[-1] if A.shape[0] > 0 else 0.0
 
 
-@CRITERIA.register("variance_reduction")
 @compiled
 def variance_reduction(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     """tr(P H^T S^-1 H P): how much the update that is predicted lowers tr P. With U^T U = S it is |U^-T H P|^2."""
@@ -117,6 +108,17 @@ def information_about(part: np.ndarray, P: np.ndarray, sight: Sight) -> float:
     return 0.5 * (log2_det(sight.S) - log2_det(given))
 
 
-criterion_of_number = one_of(CRITERIA.seal())
-"""For kernels: of (number, P, sight, pixel_var), by the criterion of that number (see `Registry.number`)."""
-NET = CRITERIA.number("net_information")  # the criterion whose scores are net
+_OWN = (
+    mutual_information,
+    net_information,
+    mutual_information_camera,
+    mutual_information_position_map,
+    fisher_trace,
+    fisher_max_eigenvalue,
+    variance_reduction,
+)
+CRITERIA: Mapping[str, Criterion] = MappingProxyType({one.__name__: one for one in _OWN})
+"""The criteria by name."""
+criterion_of_number = one_of(_OWN)
+"""For kernels: of (number, P, sight, pixel_var), by the criterion of that number (see `registry.number_of`)."""
+NET = list(CRITERIA).index("net_information")  # the criterion whose scores are net

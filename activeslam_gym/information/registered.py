@@ -1,6 +1,6 @@
-"""Scores with a registered sensor or by a registered criterion: the loop of `candidates.score_plans` in Python.
+"""Scores with a foreign sensor or by a foreign criterion: the loop of `candidates.score_plans` in Python.
 
-Each measurement of a registered sensor is whitened to the variance of the image noise, so that every criterion holds
+Each measurement of a foreign sensor is whitened to the variance of the image noise, so that every criterion holds
 for any number of values a measurement and for any noise.
 """
 
@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 
 from activeslam_gym.information.candidates import PredictedBelief, goal_pose, propagated, updated
-from activeslam_gym.information.criteria import CRITERIA
+from activeslam_gym.information.criteria import CRITERIA, Criterion
 from activeslam_gym.kernels import Record
 from activeslam_gym.linalg import cholesky_in_place, log2_det
 from activeslam_gym.motion import CAMERA_DIM, POSITION, turn_of
-from activeslam_gym.registry import array_of
-from activeslam_gym.slam.estimate import Estimate
+from activeslam_gym.registry import array_of, name_of, number_from, part_of
 from activeslam_gym.slam.sight import INSIDE, MAP_POINT, Sight, sight_with
 
 
@@ -26,7 +25,7 @@ def score_plans_with(
     belief: PredictedBelief,
     time: float,
     plans: np.ndarray,
-    criterion: str,
+    criterion: str | Criterion,
     pixel_var: float,
     frames: int,
 ) -> np.ndarray:
@@ -37,6 +36,7 @@ def score_plans_with(
     is not positive definite, or P not finite, the score is NaN.
     """
     (out, position_std), net = np.zeros((2, len(plans))), criterion == "net_information"
+    function = part_of("criterion", criterion, CRITERIA)
     for a, plan in enumerate(plans):
         P, pose, elapsed = belief.covariance, belief.camera, 0
         for action in plan:
@@ -56,23 +56,22 @@ def score_plans_with(
             before, P = P, updated(P, sight)
             if np.isfinite(before).all() and (not len(sight.S) or cholesky_in_place(sight.S.copy())):
                 where = f"for (motion, gaze, frames) {(*action.tolist()[:2], taken)} of plan {a}"
-                out[a] += CRITERIA.value(criterion, where, before, sight, var)
+                given = before, sight, var
+                out[a] += number_from(f"criterion {name_of(criterion)!r}", function, *given, where=where)
             else:
                 out[a] = np.nan
     return np.stack((out, position_std))
 
 
-def sight_by(
-    model: Any, belief: PredictedBelief, estimate: Estimate, pixel_var: float, P: np.ndarray, pose: np.ndarray
-) -> Sight:
-    """The measurements that the ``model`` of a sensor foresees from ``pose`` (13,), each as rows in pairs."""
+def sight_by(sensor: Any, belief: PredictedBelief, pixel_var: float, P: np.ndarray, pose: np.ndarray) -> Sight:
+    """The measurements that the ``sensor`` predicts from ``pose`` (13,), each as rows in pairs."""
     K, places = len(belief.fiducials), np.concatenate((belief.fiducials, belief.points))
-    seen = np.flatnonzero(array_of("visible()", model.visible(estimate, pose, places), (len(places),), bool)).tolist()
-    whitening = np.sqrt(pixel_var) * np.linalg.inv(np.linalg.cholesky(model.noise))
-    pairs = (len(model.noise) + 1) // 2
+    seen = np.flatnonzero(array_of("visible()", sensor.visible(pose, places), (len(places),), bool)).tolist()
+    whitening = np.sqrt(pixel_var) * np.linalg.inv(np.linalg.cholesky(sensor.noise))
+    pairs = (len(sensor.noise) + 1) // 2
     points = np.zeros(pairs * len(seen), MAP_POINT)
     for a, row in enumerate(seen):
-        _, H_x, H_y = model.predict(pose, places[row])
+        _, H_x, H_y = sensor.predict(pose, places[row])
         for H, field, width in ((H_x, "H_camera", 6), (H_y, "H_feature", 3)):
             rows = np.zeros((2 * pairs, 6))
             rows[: len(whitening), :width] = whitening @ array_of("a Jacobian", H, (len(whitening), width))

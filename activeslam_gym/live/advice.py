@@ -97,7 +97,7 @@ class CandidateScores:
     def __init__(self, scenario: Scenario, expected: ExpectedMap) -> None:
         self.expected, self._motion = expected, motion_of(scenario, PERIOD)
         self._frames = max(2, round(PERIOD / scenario.frame_time))
-        self._plans, self._criterion = motion_plans(self._frames), CRITERIA.number(CRITERION)
+        self._plans, self._criterion = motion_plans(self._frames), list(CRITERIA).index(CRITERION)
         slots = min(self._frames - 1, MOTION_COUNT)
         self._turn = self._frames - slots + np.arange(MOTION_COUNT) * slots // MOTION_COUNT
         self._phase, self._pending = 0, np.full(MOTION_COUNT, np.nan)

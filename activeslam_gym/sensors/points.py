@@ -1,4 +1,4 @@
-"""The model of the sensor `points`: a pixel of each landmark in view, with white noise."""
+"""A pixel of each point in view, with white noise: the sensor `points` as an object, to derive others from."""
 
 import numpy as np
 
@@ -6,17 +6,39 @@ from activeslam_gym.camera import View, camera_of, visible
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.motion import POSITION, QUATERNION
-from activeslam_gym.slam.estimate import Estimate
+from activeslam_gym.sensors.sensor import Detections
 from activeslam_gym.slam.sight import POSE_DIM, point_measurement
+from activeslam_gym.world.truth import Truth
 
 
-class PointModel:
-    """What an estimator and a planner may know of it; ``boxes`` (B, 2, 3) are those known to hide landmarks [m]."""
+class PointSensor:
+    """A `Sensor`: the pixels of fiducials and landmarks.
 
-    def __init__(self, scenario: Scenario, boxes: np.ndarray) -> None:
-        self.camera = camera_of(scenario)
-        self.noise = scenario.pixel_std**2 * np.eye(2)
-        self._boxes = boxes
+    A subclass may predict more numbers, with a larger ``noise``; they are measured as they are predicted.
+    """
+
+    def __init__(self, scenario: Scenario, seed: np.random.SeedSequence) -> None:
+        self.lens, self.noise = camera_of(scenario), scenario.pixel_std**2 * np.eye(2)
+        self.boxes = np.zeros((0, 2, 3))
+        """(B, 2, 3) those that are known to hide landmarks [m]."""
+        self._key, self._scenario = seed.generate_state(2), scenario
+
+    def measure(self, truth: Truth, time: float) -> Detections:
+        """Measure what is visible, and hidden by nothing; the draws of a point are its own.
+
+        Raises:
+            ValueError: the scenario has clutter, which the sensor `points` alone simulates.
+        """
+        if self._scenario.clutter_rate > 0.0:
+            raise ValueError(f"scenario.clutter_rate must be 0, got {self._scenario.clutter_rate}")
+        points = np.vstack((truth.fiducials, truth.landmarks))
+        rng = np.random.default_rng((*self._key, round(1e6 * time)))
+        noise = rng.standard_normal((len(points), len(self.noise))) @ np.linalg.cholesky(self.noise).T
+        camera = np.concatenate((truth.position, truth.quaternion, truth.velocity, truth.angular_velocity))
+        shown = self.visible(camera, points) & ~truth.scene.blocks(truth.position, points)
+        labels = np.flatnonzero(shown & (rng.random(len(points)) >= self._scenario.missed_detection_probability))
+        values = [self.predict(camera, points[k])[0] + noise[k] for k in labels]
+        return Detections(np.reshape(values, (-1, len(self.noise))), labels)
 
     def predict(self, camera: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The pixel (2,) of a world ``point`` (3,) from ``camera`` (13,), and its Jacobians (2, 6) and (2, 3).
@@ -28,16 +50,12 @@ class PointModel:
             z[:] = np.nan
         return z, H_x, H_y
 
-    def visible(self, estimate: Estimate, camera: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """(m,) bool: which of the ``points`` (m, 3) would be measured: those `in_view`."""
-        return self.in_view(camera, points)
-
-    def in_view(self, camera: np.ndarray, points: np.ndarray) -> np.ndarray:
+    def visible(self, camera: np.ndarray, points: np.ndarray) -> np.ndarray:
         """(m,) bool: which of the ``points`` (m, 3) are inside the image of ``camera`` (13,), and not hidden."""
         view, z = self._view(camera), np.empty(2)
         return np.array([visible(view, point, 0.0, z) for point in points], bool)
 
     def _view(self, camera: np.ndarray) -> View:
         return View(
-            self.camera, camera[POSITION.start : QUATERNION.stop], rotation_matrix(camera[QUATERNION]), self._boxes
+            self.lens, camera[POSITION.start : QUATERNION.stop], rotation_matrix(camera[QUATERNION]), self.boxes
         )

@@ -1,17 +1,17 @@
-"""The seam of sensors. A sensor sees the ground truth; its model never does, and is all that a policy has of it.
+"""Sensors: what measures the true world, and what the filter and the planner may know of it.
 
 `points` (simulated detections) is compiled; `images` runs the front end of `vision`, and `corners` is what that would
-find in the same room, without an image. Another sensor is a class with the methods of `Sensor` in one file of its own,
-entered by ``@SENSORS.register("mine")``.
+find in the same room, without an image. Another sensor is a class with the methods of `Sensor`, and
+``gymnasium.make("ActiveSLAM-v0", sensor=Mine)`` runs it.
 """
 
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from activeslam_gym.config import Scenario
-from activeslam_gym.registry import Registry
-from activeslam_gym.slam.estimate import Estimate
 from activeslam_gym.world.truth import Truth
 
 POINTS, IMAGES, CORNERS = "points", "images", "corners"
@@ -29,32 +29,29 @@ class Detections(NamedTuple):
     never sees them."""
 
 
-class SensorModel(Protocol):
-    """What an estimator and a planner may know of a sensor."""
+class Sensor(Protocol):
+    """One run's sensor. ``Sensor(scenario, seed)`` makes one; ``seed`` is a `numpy.random.SeedSequence` of its own.
+
+    `measure` alone reads the ground truth. Filter and planner use the other two and ``noise``. Where a sensor has an
+    attribute ``boxes`` (B, 2, 3), those that are known to hide landmarks are written into it at each reset [m].
+    """
 
     noise: np.ndarray
     """(d, d) covariance R of a measurement."""
-
-    def predict(self, camera: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The measurement (d,) of a world ``point`` (3,) from ``camera`` (13,), and its Jacobians by the camera's
-        position and rotation, (d, 6), and by the point, (d, 3). Rotation is perturbed in the world frame."""
-
-    def visible(self, estimate: Estimate, camera: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """(m,) bool: which of the ``points`` (m, 3) would be measured from ``camera`` (13,)."""
-
-
-class Sensor(Protocol):
-    """One run's sensor. ``Sensor(scenario, seed)`` makes one; ``seed`` is a `numpy.random.SeedSequence` of its own."""
 
     def __init__(self, scenario: Scenario, seed: np.random.SeedSequence) -> None: ...
 
     def measure(self, truth: Truth, time: float) -> Detections:
         """What is measured at ``time`` [s]. Noise must depend on the seed and the time alone, not on earlier calls."""
 
-    def model(self) -> SensorModel:
-        """The model."""
+    def predict(self, camera: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The measurement (d,) of a world ``point`` (3,) from ``camera`` (13,), and its Jacobians by the camera's
+        position and rotation, (d, 6), and by the point, (d, 3). Rotation is perturbed in the world frame. NaN where
+        there is none."""
+
+    def visible(self, camera: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """(m,) bool: which of the ``points`` (m, 3) would be measured from ``camera`` (13,)."""
 
 
-SENSORS: Registry[Any] = Registry("scenario.sensor", dict.fromkeys((POINTS, IMAGES, CORNERS)))
-"""The sensors by name; the three of this package are made by the environment itself."""
-SENSORS.seal()
+SENSORS: Mapping[str, None] = MappingProxyType(dict.fromkeys((POINTS, IMAGES, CORNERS)))
+"""Names of the package's own sensors, which the environment itself makes."""

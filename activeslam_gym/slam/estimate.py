@@ -54,12 +54,16 @@ class Estimate:
     """(n,) bool: the estimator holds it as a point."""
     time: float = 0.0
     """[s] since the reset."""
+    located: np.ndarray | None = None
+    """(n,) bool: the depth has a Gaussian; None: of all landmarks. One whose depth is a set of particles has none."""
 
     def __post_init__(self) -> None:
         n = len(array_of("ids of an Estimate", self.ids, (None,), int))
         size, of = CAMERA_DIM + 3 * n, f"of an Estimate of {n} landmarks"
+        if self.located is None:
+            object.__setattr__(self, "located", np.ones(n, bool))
         numbers = {"camera": (13,), "points": (n, 3), "covariance": (size, size)}
-        shapes = {"ids": ((n,), int), "mapped": ((n,), bool), "converted": ((n,), bool)}
+        shapes = {"ids": ((n,), int), **dict.fromkeys(("mapped", "converted", "located"), ((n,), bool))}
         for name, (shape, kind) in (shapes | {name: (shape, float) for name, shape in numbers.items()}).items():
             array = array_of(f"{name} {of}", getattr(self, name), shape, kind)
             array.flags.writeable = False
@@ -134,7 +138,7 @@ def put_estimate(estimate: Estimate, arrays: EstimateArrays) -> None:
     arrays.covariance[:size, :size] = estimate.covariance
     own = landmark[:n]
     own["id"], own["point"], own["mapped"] = estimate.ids, estimate.points, estimate.mapped
-    own["converted"], own["located"], own["anchor"] = estimate.converted, True, estimate.points
+    own["converted"], own["located"], own["anchor"] = estimate.converted, estimate.located, estimate.points
 
 
 def taken_estimate(arrays: EstimateArrays, time: float = 0.0) -> Estimate:
@@ -149,6 +153,7 @@ def taken_estimate(arrays: EstimateArrays, time: float = 0.0) -> Estimate:
         mapped=own["mapped"],
         converted=own["converted"],
         time=time,
+        located=own["located"],
     )
 
 

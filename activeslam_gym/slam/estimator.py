@@ -1,12 +1,7 @@
-"""Estimators: what turns measurements into a state estimate, chosen by ``scenario.estimator``.
+"""Estimators: what turns measurements into a state estimate.
 
 `ekf` is compiled, and the default; `ekf-plain` is the same with the plain tangent. Another one is a class with the
-methods of `Estimator` in one file of its own:
-
-    @ESTIMATORS.register("mine")
-    class Mine: ...
-
-and ``gymnasium.make("ActiveSLAM-v0", scenario={"estimator": "mine"})`` runs it.
+methods of `Estimator`, and ``gymnasium.make("ActiveSLAM-v0", estimator=Mine)`` runs it.
 """
 
 from typing import Any, NamedTuple, Protocol
@@ -14,7 +9,6 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from activeslam_gym.config import Scenario
-from activeslam_gym.registry import Registry
 from activeslam_gym.slam.estimate import Estimate
 
 EKF, EKF_PLAIN = COMPILED = "ekf", "ekf-plain"
@@ -57,6 +51,3 @@ class Estimator(Protocol):
 
     def estimate(self) -> Estimate:
         """The present state estimate."""
-
-
-ESTIMATORS: Registry[Any] = Registry("scenario.estimator")  # the estimators by name

@@ -1,4 +1,4 @@
-"""The filter without an environment, for any sensor: `Filter`, and `Ekf`, which is the same as an `Estimator`."""
+"""The filter without an environment: it takes pixels from anywhere."""
 
 import copy
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from activeslam_gym.camera import CAMERA, camera_of
-from activeslam_gym.config import KNOWN, Scenario
+from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import filled, record, row
 from activeslam_gym.motion import CAMERA_DIM, CAMERA_SIZE, MOTION, motion_of
 from activeslam_gym.slam.association import DETECTION, UNASSOCIATED
@@ -26,14 +26,14 @@ from activeslam_gym.slam.belief import (
     write_estimate,
 )
 from activeslam_gym.slam.estimate import Estimate, EstimateArrays, empty_estimates, taken_estimate
-from activeslam_gym.slam.estimator import EKF, EKF_PLAIN, ESTIMATORS, Measurements
 from activeslam_gym.slam.frame import COUNTS, FILTER, filter_of, initialise, use_detections, use_identified
 from activeslam_gym.slam.initialisation import add_landmark
 from activeslam_gym.slam.kalman import predict, update_contact, wander
 from activeslam_gym.slam.map import draw_bias, remove_feature
 from activeslam_gym.slam.sight import MAP_POINT, Sight, sight_of_belief
 
-_MODELS = record(camera=CAMERA, motion=MOTION, filter=FILTER)
+MODELS = record(camera=CAMERA, motion=MOTION, filter=FILTER)
+"""The constants of a filter."""
 
 
 class Filter:
@@ -66,7 +66,7 @@ class Filter:
         scenario = scenario or Scenario()
         first, prior = start_of(scenario)
         self.models = filled(
-            _MODELS, camera=camera_of(scenario), motion=motion_of(scenario, 1.0), filter=filter_of(scenario)
+            MODELS, camera=camera_of(scenario), motion=motion_of(scenario, 1.0), filter=filter_of(scenario)
         )
         self.camera = self.models.camera
         self.belief = row(empty_beliefs(scenario, 1), 0)
@@ -293,44 +293,6 @@ class Filter:
         return estimate.points, estimate.covariance
 
 
-@ESTIMATORS.register(EKF_PLAIN)
-@ESTIMATORS.register(EKF)
-class Ekf:
-    """The compiled filter as an `Estimator`, for registered sensors whose measurements are pixels."""
-
-    def __init__(self, scenario: Scenario, fiducials: np.ndarray, sensor: Any) -> None:
-        if np.shape(sensor.noise) != (2, 2):
-            raise ValueError(
-                f"the estimator {EKF!r} takes measurements of two numbers, a pixel; those of scenario.sensor "
-                f"{scenario.sensor!r} have {len(sensor.noise)}: register an estimator for them"
-            )
-        self._scenario, self._filter = scenario, Filter(scenario, fiducials=fiducials)
-        self._known, self._time = scenario.association == KNOWN, 0.0
-
-    def reset(self, mean: np.ndarray, covariance: np.ndarray) -> None:
-        """Begin an episode."""
-        reset_belief(self._filter.belief, mean, covariance)
-        self._time = 0.0
-
-    def predict(self, u: np.ndarray, dt: float, contact: bool = False) -> None:
-        """Go on by ``dt`` seconds."""
-        if contact:
-            self._filter.update_contact(u, dt)
-        self._filter.predict(u, dt)
-        self._time += dt
-
-    def update(self, measurements: Measurements) -> np.ndarray:
-        """Associate, update, and initialise features."""
-        given = detections_of(measurements.values, measurements.noise, measurements.ids)
-        given["match"] = self._filter.update(given, self._known)
-        self._filter.initialise(given)
-        return given["match"].copy()
-
-    def estimate(self) -> Estimate:
-        """The present state estimate."""
-        return taken_estimate(self._filter.arrays(), self._time)
-
-
 def detections_of(
     pixels: Any,
     R: Any = None,
@@ -356,6 +318,3 @@ def _array(name: str, value: Any, default: np.ndarray | None, shape: tuple[int, 
     if not fits or not np.isfinite(array).all():
         raise ValueError(f"{name} must be finite numbers of shape {shape}, got {value!r}")
     return array
-
-
-ESTIMATORS.seal()

@@ -102,7 +102,7 @@ def use_detections(
         restart(model.restart, belief)
         detections["match"][:] = REJECTED
         return
-    _count_misses(model.initialisation, belief, fiducials.shape[0], sight, of_point, waits)
+    count_misses(model.initialisation, belief, fiducials.shape[0], sight, of_point, waits)
     lasts = models.camera.command_known or fiducials.shape[0] > 0
     update_by(models.camera, belief, fiducials, sight, of_point, detections, PRODUCT_FRAMES if lasts else 1.0)
     counts.conversions += promote(model.initialisation, belief)
@@ -127,7 +127,7 @@ def use_identified(
     of_point = associate_identified(models.filter.appearance, sight, detections, least)
     counts.rejected_matches += np.sum(detections["match"] == REJECTED)
     everything = np.ones(of_point.shape[0], np.bool_)
-    _count_misses(models.filter.initialisation, belief, fiducials.shape[0], sight, of_point, everything)
+    count_misses(models.filter.initialisation, belief, fiducials.shape[0], sight, of_point, everything)
     frames = IMAGE_PRODUCT_FRAMES if models.camera.command_known else 1.0
     update_by(models.camera, belief, fiducials, sight, of_point, detections, frames)
     counts.conversions += promote(models.filter.initialisation, belief)
@@ -149,7 +149,7 @@ def match_by_id(sight: Sight, detections: np.ndarray) -> np.ndarray:
 
 
 @borrowing
-def _count_misses(model: Record, belief: Belief, K: int, sight: Sight, of_point: np.ndarray, waits: np.ndarray) -> None:
+def count_misses(model: Record, belief: Belief, K: int, sight: Sight, of_point: np.ndarray, waits: np.ndarray) -> None:
     """A match clears a feature's misses; being predicted well inside the image without a detection near adds one.
     Remembers which were crowded.
 

@@ -131,7 +131,7 @@ def add_landmark(camera: Record, model: Record, rays: Record, belief: Belief, pi
     width, rays_in_use = KIND_DIM[kind], np.sum(belief.feature["kind"][: belief.state.count] == RAY)
     if not room_for(belief, width) or (kind == RAY and rays_in_use >= model.ray_capacity):
         return NEW
-    mean, J_x, Q = _line_of_sight(camera, belief, pixel, R)
+    mean, J_x, Q = line_of_sight(camera, belief.state.camera, pixel, R)
     mean[RHO] = model.rho_mean
     Q[RHO, RHO] = model.rho_std**2
     k = append_feature(belief, kind, mean, J_x[:width], Q)
@@ -141,20 +141,22 @@ def add_landmark(camera: Record, model: Record, rays: Record, belief: Belief, pi
 
 
 @compiled
-def _line_of_sight(
-    camera: Record, belief: Belief, pixel: np.ndarray, R: np.ndarray
+def line_of_sight(
+    lens: Record, camera: np.ndarray, pixel: np.ndarray, R: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean (6,), Jacobian by the camera's tangent (6, 12) and covariance by the pixel (6, 6) of a new line of sight.
+
+    From ``camera`` (13,), through the ``pixel`` (2,) with noise ``R`` (2, 2).
 
     h = R_WC r(z): dh/d dtheta = -[h]x, dh/dz = R_WC dr/dz; the angles follow by d(azimuth, elevation)/dh. The row of
     the inverse depth is zero.
     """
-    R_WC = rotation_matrix(belief.state.camera[QUATERNION])
-    h, J_h, mean = direction_of(camera, R_WC, pixel), np.empty((2, 3)), np.zeros(FEATURE_SIZE)
-    copy_into(mean, belief.state.camera[POSITION])
+    R_WC = rotation_matrix(camera[QUATERNION])
+    h, J_h, mean = direction_of(lens, R_WC, pixel), np.empty((2, 3)), np.zeros(FEATURE_SIZE)
+    copy_into(mean, camera[POSITION])
     mean[AZIMUTH], mean[ELEVATION] = angles_of(h, J_h)
     J_turn = product(J_h, skew(h))
-    J_z = product(J_h, product(R_WC, ray_jacobian(camera, pixel)))
+    J_z = product(J_h, product(R_WC, ray_jacobian(lens, pixel)))
     J_x, Q = np.zeros((FEATURE_SIZE, CAMERA_DIM)), np.zeros((FEATURE_SIZE, FEATURE_SIZE))
     by_turn = J_x[AZIMUTH : AZIMUTH + 2, D_ROTATION]
     for i in range(3):

@@ -1,4 +1,4 @@
-"""What a registered scene does to the true camera and to its detections.
+"""What a foreign scene does to the true camera and to its detections.
 
 `simulator` does the same for boxes, in kernels. Noise and order of the detections stay those of the counted stream.
 """

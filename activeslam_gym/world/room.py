@@ -11,7 +11,7 @@ from activeslam_gym.config import ANYWHERE, CENTRE, CLUSTERS, CORNER, RANGES, WA
 from activeslam_gym.geometry import quaternion_exp, rotate_left, rotation_matrix
 from activeslam_gym.kernels import uncompiled
 from activeslam_gym.motion import ANGULAR_VELOCITY, CAMERA_SIZE, POSITION, QUATERNION, VELOCITY
-from activeslam_gym.registry import asked
+from activeslam_gym.registry import asked, name_of, part_of
 from activeslam_gym.world.furniture import draw_boxes, first_hits, inside_any, reachable, surface_points
 from activeslam_gym.world.scenes import AROUND, SCENES, CheckedScene, Scene
 
@@ -34,24 +34,24 @@ class Room(NamedTuple):
     landmarks: np.ndarray  # (L, 3) [m]
     normals: np.ndarray  # (L, 3) of the surfaces that the landmarks are on, or (0, 3)
     boxes: np.ndarray  # (B, 2, 3) lowest and highest corners [m]
-    scene: Scene | None = None  # the registered scene; None: the boxes
+    scene: Scene | None = None  # the foreign scene; None: the boxes
 
 
-def scene_factory(name: str) -> Any:
-    """What makes the scenes of that ``name``: the registered one, or for the file of a mesh `world.mesh`."""
-    if name.lower().endswith(_MESHES):
+def scene_factory(scene: Any) -> Any:
+    """What makes the scenes of that name or object; for the file of a mesh `world.mesh`."""
+    if isinstance(scene, str) and scene.lower().endswith(_MESHES):
         try:
             from activeslam_gym.world.mesh import MeshFactory
         except ImportError as error:
-            raise ImportError(f"scenario.scene {name!r} needs the extra mesh: pip install trimesh embreex") from error
-        return MeshFactory(name)
-    return SCENES[name]
+            raise ImportError(f"scenario.scene {scene!r} needs the extra mesh: pip install trimesh embreex") from error
+        return MeshFactory(scene)
+    return part_of("scenario.scene", scene, SCENES)
 
 
 def draw_scene(scenario: Scenario, rng: np.random.Generator) -> Scene:
-    """The scene of a reset; a wrong answer of a registered one is a ValueError."""
-    scene = asked(f"the scene {scenario.scene!r}", scene_factory(scenario.scene), scenario, rng)
-    return CheckedScene(scenario, scene) if scenario.has_registered_scene else scene
+    """The scene of a reset; a wrong answer of a foreign one is a ValueError."""
+    scene = asked(f"the scene {name_of(scenario.scene)!r}", scene_factory(scenario.scene), scenario, rng)
+    return CheckedScene(scenario, scene) if scenario.has_foreign_scene else scene
 
 
 def varied(scenario: Scenario, rng: np.random.Generator) -> Scenario:
@@ -76,37 +76,37 @@ def draw_room(scenario: Scenario, rng: np.random.Generator) -> Room:
 
     Landmarks are uniform in the room; fiducials are uniform in the image of the first camera and in depth. In other
     layouts, and where there are boxes, rooms are drawn until the start is free, the fiducials are in view and
-    everything can be reached. A registered scene has the landmarks on its surfaces.
+    everything can be reached. A foreign scene has the landmarks on its surfaces.
 
     Raises:
         NoRoomError: no such room was found; the scenario's boxes or its points leave too little space, or nothing
             stands at the distance of the fiducials.
-        ValueError: a registered scene gave a wrong answer.
+        ValueError: a foreign scene gave a wrong answer.
     """
     adds_boxes = scenario.box_capacity > len(scenario.boxes)
-    searched = scenario.has_registered_scene or adds_boxes or scenario.on_surfaces or scenario.point_spacing
+    searched = scenario.has_foreign_scene or adds_boxes or scenario.on_surfaces or scenario.point_spacing
     if scenario.start == CENTRE and not searched:
         nothing, nowhere = np.empty((0, 2, 3)), np.empty((0, 3))
         place = _draw_place(scenario, nothing, rng)
         camera = draw_start(scenario, rng, place)
         landmarks, boxes = _landmarks(scenario, nothing, nowhere, rng), np.reshape(np.array(scenario.boxes), (-1, 2, 3))
         return Room(place, camera, _floating(scenario, scenario.fiducial_count, camera, rng), landmarks, nowhere, boxes)
-    registered = scenario.has_registered_scene
+    foreign = scenario.has_foreign_scene
     for _ in range(_TRIES):
-        scene = draw_scene(scenario, rng) if registered else None
-        boxes = np.empty((0, 2, 3)) if registered else draw_boxes(scenario, rng)
+        scene = draw_scene(scenario, rng) if foreign else None
+        boxes = np.empty((0, 2, 3)) if foreign else draw_boxes(scenario, rng)
         place = _draw_place(scenario, boxes, rng)
         if start := getattr(scene, "start", None):
             place[:3] = start(rng)
         camera = draw_start(scenario, rng, place)
         fiducials = _in_view(scenario, boxes, camera, rng, scene)
-        if fiducials is None or not (registered or reachable(scenario, boxes, place, scenario.wall_margin + 0.05)):
+        if fiducials is None or not (foreign or reachable(scenario, boxes, place, scenario.wall_margin + 0.05)):
             continue
         found = _landmarks(scenario, boxes, fiducials, rng, scene)
         return Room(place, camera, fiducials, found[:, :3], found[:, 3:].reshape(-1, 3), boxes, scene)
-    if registered:
+    if foreign:
         cause = "its bodies stand where the camera starts, or hide its fiducials"
-        raise RuntimeError(f"scene {scenario.scene!r}: no room was found in {_TRIES} tries: {cause}")
+        raise RuntimeError(f"scene {name_of(scenario.scene)!r}: no room was found in {_TRIES} tries: {cause}")
     cause = "too many boxes or walls, boxes too large, point_spacing too large, or nothing in view at fiducial_distance"
     raise NoRoomError(f"scenario {scenario.name!r}: no room was found in {_TRIES} tries: {cause}")
 
@@ -130,7 +130,7 @@ def _landmarks(
 ) -> np.ndarray:
     """(L, 3) landmarks in no box, or (L, 6) with the normals of the surfaces that they are on, apart from each other.
 
-    They are as far from the ``taken`` points (n, 3) too. ``scene``: the registered one, on which they are.
+    They are as far from the ``taken`` points (n, 3) too. ``scene``: the foreign one, on which they are.
     """
     count, half = scenario.landmark_count, 0.5 * np.array(scenario.room_size)
     if scenario.landmark_layout == CLUSTERS:

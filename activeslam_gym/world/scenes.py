@@ -1,25 +1,22 @@
-"""The seam of scenes: what hides landmarks and stops the camera, chosen by ``scenario.scene``.
+"""Scenes: what hides landmarks and stops the camera.
 
-`boxes` is compiled, and the default. Another scene is a class with the methods of `Scene` in one file of its own:
-
-    @SCENES.register("mine")
-    class Mine: ...
-
-and ``gymnasium.make("ActiveSLAM-v0", scenario={"scene": "mine"})`` runs it; ``"scene": "flat.glb"``, or another file of
-a mesh, needs no class. The walls of the room stop the camera in every scene.
+`boxes` is compiled, and the default. Another scene is a class with the methods of `Scene`, and
+``gymnasium.make("ActiveSLAM-v0", scene=Mine)`` runs it; ``scene="flat.glb"``, or another mesh, needs none. The walls of
+the room stop the camera in every scene.
 
 What makes a scene may have a method ``fitted(scenario)``, which gives the scenario the room that it needs; and a scene
 a method ``start(rng)``, a place (3,) where the camera may start.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any, Protocol
 
 import numpy as np
 
 from activeslam_gym.camera import hidden
 from activeslam_gym.config import BOXES, NoRoomError, Scenario
-from activeslam_gym.registry import Registry, array_of, asked
+from activeslam_gym.registry import array_of, asked, name_of
 from activeslam_gym.world.furniture import draw_boxes, first_hits, inside_any, surface_points
 
 _ROUNDING = 1e-6  # of what a scene answers, which may be in single precision
@@ -48,7 +45,6 @@ class Scene(Protocol):
 
 
 _BATCHES = 60  # so often points on surfaces are drawn, until there are enough
-SCENES: Registry[Any] = Registry("scenario.scene")  # the scenes by name
 
 
 class BoxScene:
@@ -84,17 +80,21 @@ class BoxScene:
         raise NoRoomError(f"scenario.boxes hide the walls and each other: {len(found)} of {n} points found a place")
 
 
-@SCENES.register(BOXES)
 def draw_box_scene(scenario: Scenario, rng: np.random.Generator) -> BoxScene:
     """The scenario's own boxes, and those that it draws."""
     return BoxScene(0.5 * np.array(scenario.room_size), draw_boxes(scenario, rng))
 
 
+SCENES: Mapping[str, Any] = MappingProxyType({BOXES: draw_box_scene})
+"""The package's own scenes by name."""
+
+
 class CheckedScene:
-    """A registered scene. A wrong answer of it is a ValueError that names the scene, the method and the answer."""
+    """A foreign scene. A wrong answer of it is a ValueError that names the scene, the method and the answer."""
 
     def __init__(self, scenario: Scenario, scene: Scene) -> None:
-        self._of, self._scene, half = f"of the scene {scenario.scene!r}", scene, 0.5 * np.array(scenario.room_size)
+        self._of, self._scene = f"of the scene {name_of(scenario.scene)!r}", scene
+        half = 0.5 * np.array(scenario.room_size)
         self._slack, self.start = _ROUNDING * max(1.0, half.max()), getattr(scene, "start", None)
         self.bounds = low, high = self._array("bounds", lambda: scene.bounds, (2, 3))
         if not ((-half - self._slack <= low) & (low < high) & (high <= half + self._slack)).all():

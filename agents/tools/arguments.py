@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from activeslam_gym.config import ASKED, SCENARIOS, scenario_from
+from activeslam_gym.config import ASKED, scenario_from
 from agents.tools.files import reading
 from agents.tools.sections import page_with, provenance, put_section
 
@@ -103,7 +103,7 @@ def scenario_argument(text: str) -> str | dict[str, Any]:
         with reading(Path(text)):
             given = Path(text).read_text(encoding="utf-8")
     elif not text.lstrip().startswith("{"):
-        return text if text in ASKED or ":" in text else asdict(SCENARIOS[text])  # one that this process registered
+        return text if text in ASKED or ":" in text else asdict(scenario_from(text))  # one that this process added
     try:
         if not isinstance(fields := json.loads(given), dict):
             raise ValueError(type(fields).__name__)
@@ -124,6 +124,6 @@ def made_scenario(scenario: Any) -> Any:
         found = getattr(import_module(module), name, name)
         return scenario_from(found() if callable(found) else found)
     except (Exception, SystemExit) as error:
-        allowed = "'package.module:name' of a Scenario, its fields, a function that returns one, or a registered name"
+        allowed = "'package.module:name' of a Scenario, its fields, a function that returns one, or a name that it adds"
         message = next(iter(str(error).splitlines()), "")
         raise ValueError(f"scenario: {scenario!r}: {type(error).__name__}: {message}; allowed: {allowed}") from error

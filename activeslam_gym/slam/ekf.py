@@ -1,0 +1,222 @@
+"""The filter in plain Python, for any sensor: the reference of `frame.filter_frame`, which is compiled for pixels.
+
+Everything that a sensor enters is written out here in NumPy, by the sensor's own predictions and Jacobians: predicted
+measurements, the iterated update, and initialisation. The motion model, the data association and the care of the map do
+not depend on it, and are the compiled functions. A measurement's first two numbers are a pixel: the association uses
+them alone.
+"""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from activeslam_gym.camera import camera_of, ray_from_pixel
+from activeslam_gym.config import KNOWN, Scenario
+from activeslam_gym.geometry import rotation_matrix
+from activeslam_gym.kernels import filled, row
+from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, POSITION, QUATERNION, motion_of
+from activeslam_gym.slam.association import NEW, REJECTED, associate
+from activeslam_gym.slam.belief import (
+    INVERSE_DEPTH,
+    KIND_DIM,
+    angles_of,
+    bearing,
+    empty_beliefs,
+    point_of,
+    reset_belief,
+    write_estimate,
+)
+from activeslam_gym.slam.correction import ITERATIONS, STRAIGHT_PX
+from activeslam_gym.slam.curvature import PRODUCT_FRAMES
+from activeslam_gym.slam.depth_particles import follow_rays
+from activeslam_gym.slam.estimate import Estimate, empty_estimates, taken_estimate
+from activeslam_gym.slam.estimator import EKF, EKF_PLAIN, Measurements
+from activeslam_gym.slam.filter import MODELS, detections_of
+from activeslam_gym.slam.frame import COUNTS, count_misses, filter_of, match_by_id
+from activeslam_gym.slam.initialisation import add_landmark, delete_failed, follow_tracks, promote
+from activeslam_gym.slam.kalman import gain, predict, update_contact
+from activeslam_gym.slam.manifold import MINIMUM_INVERSE_DEPTH, rotated, shift_mean, subtract_and_recentre, turning
+from activeslam_gym.slam.map import append_feature, room_for
+from activeslam_gym.slam.restart import contradicted, restart
+from activeslam_gym.slam.sight import MAP_POINT, NEAR, POSE_DIM, Sight, sight_of_belief, sight_with
+
+_DEPTHS = 0.2 * 1.15 ** np.arange(35.0)  # where the depth of a new landmark is looked for first: 0.2 to 23 m
+_STEPS = 10  # of Gauss and Newton from there
+
+
+class Ekf:
+    """The extended Kalman filter as an `Estimator`, for any ``sensor`` (see `sensors.sensor.Sensor`)."""
+
+    def __init__(self, scenario: Scenario, fiducials: np.ndarray, sensor: Any) -> None:
+        self.scenario, self.fiducials, self.sensor = scenario, fiducials, sensor
+        self.boxes = getattr(sensor, "boxes", np.zeros((0, 2, 3)))
+        self.models = filled(
+            MODELS, camera=camera_of(scenario), motion=motion_of(scenario, 1.0), filter=filter_of(scenario)
+        )
+        self.belief, self.counts = row(empty_beliefs(scenario, 1), 0), np.zeros(1, COUNTS)[0]
+        self._arrays = row(empty_estimates(len(self.belief.feature), 1), 0)
+
+    def reset(self, mean: np.ndarray, covariance: np.ndarray) -> None:
+        """Begin an episode."""
+        reset_belief(self.belief, mean, covariance)
+        self.time = 0.0
+
+    def predict(self, u: np.ndarray, dt: float, contact: bool = False) -> None:
+        """Go on by ``dt`` seconds: x = f(x, u), P = F P F^T + Q."""
+        if contact:
+            update_contact(self.belief, u, dt)
+        predict(self.models.motion, self.belief, u, dt)
+        self.time += dt
+
+    def update(self, measurements: Measurements) -> np.ndarray:
+        """Associate, update, and initialise features; (M,) what each measurement was matched to."""
+        belief, lens, model, K = self.belief, self.models.camera, self.models.filter, len(self.fiducials)
+        values, noise = measurements.values, measurements.noise
+        found = detections_of(values[:, :2], noise[:, :2, :2], measurements.ids)
+        sight = self.predicted()
+        waits = np.zeros(len(sight.point), bool)
+        if labelled := self._is_labelled():
+            of_point = match_by_id(sight, found)
+        else:
+            of_point = associate(model.association, sight, found, belief.state.count, waits)
+        if belief.particles.shape[1] > 0:
+            follow_rays(lens, model.particles, belief, self.boxes, found, labelled)
+        if contradicted(model.restart, belief, sight, found, of_point, waits):
+            restart(model.restart, belief)
+            found["match"] = REJECTED
+        else:
+            count_misses(model.initialisation, belief, K, sight, of_point, waits)
+            matched = np.flatnonzero(of_point >= 0)
+            if len(matched):
+                self.correct(sight.point[matched], values[of_point[matched]], noise[of_point[matched]])
+            promote(model.initialisation, belief)
+            delete_failed(model.initialisation, belief)
+        for i in follow_tracks(lens, model.initialisation, belief, found):
+            found["match"][i] = self.add_landmark(values[i], noise[i])
+        return found["match"].copy()
+
+    def estimate(self) -> Estimate:
+        """The present state estimate."""
+        write_estimate(self.belief, float(self.models.filter.initialisation.mapped_depth_ratio), self._arrays)
+        return taken_estimate(self._arrays, self.time)
+
+    def predicted(self) -> Sight:
+        """The predicted measurements of the fiducials and features in reach: their pixels, by the sensor.
+
+        A miss of one that the sensor would not see is not telling.
+        """
+        belief, camera = self.belief, self.belief.state.camera
+        sight = sight_of_belief(self.models.camera, belief, self.fiducials, self.boxes)
+        points, places = sight.point.view(MAP_POINT), np.zeros((len(sight.point), 3))
+        z, H = self.linearised(points, places)
+        shown = self.sensor.visible(camera, places)
+        for a, point in enumerate(points):
+            own = slice(point.column, point.column + point.width)
+            point.z_hat[:], point.H_camera[:] = z[a, :2], H[a, :2, :POSE_DIM]
+            point.H_feature[:, : point.width] = H[a, :2, own]
+            point.R[:] = self.sensor.noise[:2, :2]
+            point.visibility = point.visibility if shown[a] else min(point.visibility, NEAR)
+        return sight_with(points[np.isfinite(z).all(axis=1)], belief.covariance, belief.state.dim)
+
+    def linearised(self, points: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The measurements z (m, d) of ``points`` (m,) at the present mean, and H (m, d, dim).
+
+        Writes ``places`` (m, 3), where the points are in the world [m].
+        """
+        belief, K, d, T = self.belief, len(self.fiducials), len(self.sensor.noise), np.zeros((3, 6))
+        z, H = np.zeros((len(points), d)), np.zeros((len(points), d, belief.state.dim))
+        for a, point in enumerate(points):
+            places[a] = self.fiducials[point.row] if point.row < K else point_of(belief, point.row - K, T)
+            z[a], H[a, :, :POSE_DIM], H_y = self.sensor.predict(belief.state.camera, places[a])
+            if point.row >= K:
+                H[a, :, point.column : point.column + point.width] = H_y @ T[:, : point.width]
+        return z, H
+
+    def correct(self, points: np.ndarray, values: np.ndarray, noise: np.ndarray) -> None:
+        """x ⊞ delta, P - W^T W by the ``values`` (m, d), with their ``noise`` (m, d, d), of m ``points``.
+
+        The iterated Kalman filter of `correction.correct`. Where S has no factor, nothing is changed.
+        """
+        belief, dim = self.belief, self.belief.state.dim
+        P, places, value = belief.covariance[:dim, :dim], np.zeros((len(points), 3)), values.ravel()
+        lasts = self.models.camera.command_known or len(self.fiducials) > 0
+        R, size = block_diag(*noise), self.models.camera.pixel_std / np.sqrt(noise.diagonal(axis1=1, axis2=2)).ravel()
+        S_c = np.zeros((len(points), *self.sensor.noise.shape))
+        S_c[:, :2, :2] = (PRODUCT_FRAMES if lasts else 1.0) * points["curvature"]
+        R = R + block_diag(*S_c)
+        first = belief.state.camera.copy(), belief.feature["mean"].copy()
+        line, H = (one.reshape(len(value), -1) for one in self.linearised(points, places))
+        line = line.ravel()  # the measurements at delta = 0, by the line through the last mean
+        W, delta, sound = gain(H @ P, H @ P @ H.T + R, value - line)
+        for _ in range(ITERATIONS if sound else 0):
+            shift_mean(belief, delta)
+            z, H_next = self.linearised(points, places)
+            bends = (size * np.abs(z.ravel() - line - H @ delta)).max() > STRAIGHT_PX  # not where a point is behind
+            if bends:  # H by the tangent that P is of; see `correction.correct`
+                H = H_next.reshape(len(value), dim)
+                H[:, D_ROTATION] = H[:, D_ROTATION] @ rotated(belief, delta) + H @ turning(belief, delta).T
+                line = z.ravel() - H @ delta
+            belief.state.camera[:], belief.feature["mean"] = first
+            if not bends:
+                break
+            W_next, delta_next, next_sound = gain(H @ P, H @ P @ H.T + R, value - line)
+            if not next_sound:
+                break
+            W, delta = W_next, delta_next
+        if sound:
+            shift_mean(belief, delta)
+            subtract_and_recentre(belief, W, delta)
+
+    def add_landmark(self, value: np.ndarray, R: np.ndarray) -> int:
+        """Initialise the feature measured as ``value`` (d,) with noise ``R`` (d, d); its id, or NEW without room.
+
+        Azimuth, elevation and inverse depth from the camera's position are those of the least squares of measurement
+        and prior depth: a pixel leaves the prior as it is, a range replaces it.
+        """
+        belief, model, lens, camera = self.belief, self.models.filter, self.models.camera, self.belief.state.camera
+        if belief.particles.shape[1] > 0:
+            return int(add_landmark(lens, model.initialisation, model.particles, belief, value[:2], R[:2, :2]))
+        if not room_for(belief, KIND_DIM[INVERSE_DEPTH]):
+            return NEW
+        prior, weight = float(model.initialisation.rho_mean), 1.0 / float(model.initialisation.rho_std) ** 2
+
+        def at(s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+            m, depth = np.array(bearing(s[0], s[1])), 1.0 / s[2]
+            z, H_x, H_y = self.sensor.predict(camera, camera[POSITION] + depth * m[0])
+            H_x = np.array(H_x)
+            H_x[:, D_POSITION] += H_y  # the anchor is the camera's position
+            H_s = H_y @ np.stack((depth * m[1], depth * m[2], -(depth**2) * m[0]), axis=1)
+            off = value - z
+            G = np.linalg.solve(R, H_s).T
+            return off, H_x, G, np.linalg.inv(G @ H_s + np.diag((0.0, 0.0, weight)))
+
+        h = rotation_matrix(camera[QUATERNION]) @ ray_from_pixel(lens, value[:2])
+        s = np.array((*angles_of(h, np.zeros((2, 3))), prior))
+        if len(value) > 2:
+            m = np.array(bearing(s[0], s[1])[0])
+            offs = value - [self.sensor.predict(camera, camera[POSITION] + depth * m)[0] for depth in _DEPTHS]
+            costs = np.sum(offs * np.linalg.solve(R, offs.T).T, axis=1) + weight * (1.0 / _DEPTHS - prior) ** 2
+            s[2] = 1.0 / _DEPTHS[np.argmin(np.nan_to_num(costs, nan=np.inf))]
+        for _ in range(_STEPS):
+            off, _, G, C = at(s)
+            s += C @ (G @ off + np.array((0.0, 0.0, weight * (prior - s[2]))))
+            s[2] = max(s[2], MINIMUM_INVERSE_DEPTH)
+        off, H_x, G, C = at(s)
+        if not np.isfinite(off).all():
+            return NEW
+        J, Q = np.zeros((6, CAMERA_DIM)), np.zeros((6, 6))
+        J[:3, :3], J[3:, :POSE_DIM], Q[3:, 3:] = np.eye(3), -C @ G @ H_x, C
+        k = append_feature(belief, INVERSE_DEPTH, np.array((*camera[POSITION], *s)), J, Q)
+        return int(belief.feature[k]["serial"])
+
+    def _is_labelled(self) -> bool:
+        """Whether the ids of this frame's measurements are certain."""
+        first = self.scenario.labelled_first_match and self.belief.state.frame == 1
+        return bool(first or self.scenario.association == KNOWN)
+
+
+ESTIMATORS: Mapping[str, Any] = MappingProxyType({EKF: Ekf, EKF_PLAIN: Ekf})
+"""The package's own estimators by name."""

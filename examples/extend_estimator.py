@@ -8,14 +8,15 @@ from activeslam_gym.camera import camera_of
 from activeslam_gym.geometry import rotate_left
 from activeslam_gym.motion import motion_of, process_covariance, transition, transition_jacobian
 from activeslam_gym.slam.belief import bearing
+from activeslam_gym.slam.ekf import new_landmark
 from activeslam_gym.slam.estimate import Estimate
-from activeslam_gym.slam.initialisation import line_of_sight
 
 
 class NumpyEkf:
     def __init__(self, scenario: Any, fiducials: np.ndarray, sensor: Any) -> None:
         self.scenario, self.fiducials, self.sensor = scenario, fiducials, sensor
         self.lens, self.motion = camera_of(scenario), motion_of(scenario, 1.0)
+        self.prior = scenario.inverse_depth_mean, scenario.inverse_depth_std
 
     def reset(self, mean: np.ndarray, covariance: np.ndarray) -> None:
         self.x, self.P = mean.copy(), covariance.copy()
@@ -30,23 +31,25 @@ class NumpyEkf:
 
     def update(self, measurements: Any) -> np.ndarray:
         for value, R, id in zip(*measurements):
+            if id == 0 or id < -len(self.fiducials):  # of nothing known yet, or of clutter
+                continue
             H = np.zeros((len(value), len(self.P)))
             y, T = point_of(self.y[id - 1]) if id > 0 else (self.fiducials[-1 - id], None)
             z_hat, H[:, :6], H_y = self.sensor.predict(self.x, y)
             if id > 0:
                 H[:, 6 + 6 * id : 12 + 6 * id] = H_y @ T
-            if id != 0 and np.isfinite(z_hat).all():
-                S = H @ self.P @ H.T + R
-                K = np.linalg.solve(S, H @ self.P).T
-                delta, self.P = K @ (value - z_hat), self.P - K @ S @ K.T
+            if np.isfinite(z_hat).all():
+                K = np.linalg.solve(H @ self.P @ H.T + R, H @ self.P).T
+                I_KH = np.eye(len(self.P)) - K @ H
+                delta, P = K @ (value - z_hat), I_KH @ self.P @ I_KH.T + K @ R @ K.T
+                self.P = 0.5 * (P + P.T)
                 q = rotate_left(delta[3:6], self.x[3:7])
                 self.x = np.concatenate((self.x[:3] + delta[:3], q / np.linalg.norm(q), self.x[7:] + delta[6:12]))
                 self.y += delta[12:].reshape(-1, 6)
                 self.y[:, 5] = np.maximum(self.y[:, 5], 0.02)
-        matched = measurements.ids.copy()
+        matched, z, R = measurements.ids.copy(), measurements.values, measurements.noise
         for m in np.flatnonzero(matched == 0)[: self.scenario.landmark_count - len(self.y)]:
-            mean, J, Q = line_of_sight(self.lens, self.x, measurements.values[m, :2], measurements.noise[m, :2, :2])
-            mean[5], Q[5, 5] = self.scenario.inverse_depth_mean, self.scenario.inverse_depth_std**2
+            mean, J, Q = new_landmark(self.sensor, self.lens, self.x, z[m], R[m], *self.prior)
             G = np.vstack((np.eye(len(self.P)), np.pad(J, ((0, 0), (0, len(self.P) - 12)))))
             self.y, self.P = np.vstack((self.y, mean)), G @ self.P @ G.T
             self.P[-6:, -6:] += Q

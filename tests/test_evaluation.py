@@ -92,7 +92,7 @@ def test_a_user_s_modules_are_found_without_running_them(tmp_path: Path, monkeyp
 def test_results_of_a_user_s_own_part_are_not_kept(field: str, tmp_path: Path) -> None:
     """Its code may read a file or use a library that has changed."""
     store = Store(tmp_path / "store")
-    for part, kept in (("mine:part", False), ("activeslam_gym.sensors.points:PointModel", True), ("ekf", True)):
+    for part, kept in (("mine:part", False), ("activeslam_gym.sensors.points:PointSensor", True), ("ekf", True)):
         key = {field: part} if field == "reward" else {"scenario": {field: part}}
         store.save("one", key, {"a": np.ones(1)})
         assert (store.load("one", key) is not None) == kept

@@ -126,7 +126,7 @@ def scores_of(belief: c.PredictedBelief, plans: np.ndarray, criterion: str = "mu
     if criterion == "net_information":
         net_of_plans(CAMERA, MOTION, belief, 0.0, 10**6, plans, out, np.empty(len(plans)))
         return out
-    c.score_plans(CAMERA, MOTION, belief, 0.0, plans, CRITERIA.number(criterion), out)
+    c.score_plans(CAMERA, MOTION, belief, 0.0, plans, list(CRITERIA).index(criterion), out)
     return out
 
 
@@ -273,7 +273,7 @@ def test_an_environments_scores_are_scores_of_plans() -> None:
             frames = round((env.duration - time) / env.scenario.frame_time)
             net_of_plans(*given, frames, plans, out, np.empty(len(plans)))
         else:
-            c.score_plans(*given, plans, CRITERIA.number(criterion), out)
+            c.score_plans(*given, plans, list(CRITERIA).index(criterion), out)
         return out
 
     for name in CRITERIA:

@@ -38,7 +38,8 @@ class OneBox(BoxScene):
 
 
 def made(scene: Any, **fields: Any) -> Any:
-    return gym.make("ActiveSLAM-v0", scenario={"scene": scene, **fields}, gaze_period=0.25, duration=8.0)
+    settings = {"gaze_period": 0.25, "duration": 8.0, "end_when_lost": False}
+    return gym.make("ActiveSLAM-v0", scenario={"scene": scene, **fields}, **settings)
 
 
 def distance_to_sphere(inner: Any) -> float:

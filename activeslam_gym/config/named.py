@@ -147,8 +147,8 @@ def scenario_from(value: str | Mapping[str, Any] | Scenario) -> Scenario:
         return value
     if isinstance(value, str):
         if value not in SCENARIOS:
-            known = f"one of {', '.join(SCENARIOS)}"
-            raise ValueError(f"scenario must be {known}, got {value!r}{did_you_mean(value, SCENARIOS)}")
+            allowed = f"one of {', '.join(SCENARIOS)}"
+            raise ValueError(f"scenario must be {allowed}, got {value!r}{did_you_mean(value, SCENARIOS)}")
         return SCENARIOS[value]
     if not isinstance(value, Mapping):
         raise ValueError(f"scenario must be a name, a dict of fields or a Scenario, got {value!r}")

@@ -136,7 +136,10 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `end_when_lost` | `True` | whether a lost episode is terminated |
     | `render_mode` | `None` | `"rgb_array"` or `"human"`, which warns and goes on where there is no screen |
     | `render_size` | `(960, 640)` | width and height of the picture [px] |
-    | `scene`, `sensor`, `estimator`, `criterion` | `None` | parts in place of the scenario's: names or objects |
+    | `scene` | `None` | a scene in place of the scenario's: a name or an object |
+    | `sensor` | `None` | the same of the sensor |
+    | `estimator` | `None` | the same of the estimator |
+    | `criterion` | `None` | the same of the criterion of policies that plan motions (`motion_criterion`) |
 
     ## Information
 

@@ -1,8 +1,7 @@
-"""Foreign scenes, sensors and estimators: the frame of a run, called from Python stage by stage.
+"""The step in Python: the reference of the kernel `episode.play`, in which foreign scenes, sensors and estimators run.
 
-A frame is control and true motion, measurement, estimation, and data association by the hidden labels. `episode.play`
-runs the four in one kernel for the scene `boxes`, the sensor `points` and the compiled estimators. Here the middle two
-belong to a `Perception`, and the others are the same kernels; a foreign scene is asked between them.
+A frame is control and true motion, measurement, estimation, and data association by the hidden labels. A `Perception`
+is the sensor and the estimator of a run; the rest are the functions of which the kernel is made.
 """
 
 from typing import Any, Protocol
@@ -67,7 +66,7 @@ def perception_of(setting: Setting, run: Run, start: Start, key: int) -> Percept
         return CornerPerception(setting, run, start.mean[:7], seed)
     if setting.scenario.sensor == POINTS and setting.scenario.estimator in COMPILED:
         return PointPerception(start.scene)
-    return PluggedPerception(run, start, seed)
+    return ForeignPerception(run, start, seed)
 
 
 def is_compiled(setting: Setting) -> bool:
@@ -83,29 +82,35 @@ def play_rows(
     for i in range(start, stop):
         try:
             if phases[i] != REST:
-                _play_row(row(runs, i), perceptions[i], bool(phases[i] == BEGIN), commands[i])
+                step(row(runs, i), perceptions[i], commands[i], bool(phases[i] == BEGIN))
         except ValueError as error:
             where = f"in frame {int(runs.world.state[i].frame)} of environment {i}"
             raise ValueError(f"{error} ({where})") from error.__cause__
 
 
-def _play_row(run: Run, perception: Any, begins: bool, command: np.ndarray) -> None:
+def step(run: Run, perception: Perception, command: np.ndarray, begins: bool) -> None:
+    """One gaze period: simulate, measure, predict, associate, update, initialise, evaluate, observe.
+
+    Where a run ``begins``, its prior alone is evaluated and observed. ``command`` (4,): see `motion.COMMANDS`.
+    """
     scene, motion, task = perception.scene, run.models.motion, run.models.task
     if begins:
         perception.begin(run)
-    reads = scene is not None and not begins and run.episode.steps % task.steps_per_motion == 0
-    reach = reach_of_command(scene, motion, run.world, command) if reads else np.inf
+    reach = np.inf
+    if scene is not None and not begins and run.episode.steps % task.steps_per_motion == 0:
+        reach = reach_of_command(scene, motion, run.world, command)
     start_step(run, command, reach, begins)
     for _ in range(0 if begins else int(task.frames_per_step)):
-        perception.frame(run, *_move(scene, run, command[3]))
+        u, contact = simulate(run, scene, command[3])
+        perception.frame(run, u, contact)
     end_step(run, begins)
     if scene is not None:
         narrow_clearance(scene, motion, run.world, run.episode.clearance)
         observe_clearance(run)
 
 
-def _move(scene: Scene | None, run: Run, gaze: float) -> tuple[np.ndarray, bool]:
-    """One frame of true motion; see `simulation.drive`."""
+def simulate(run: Run, scene: Scene | None, gaze: float) -> tuple[np.ndarray, bool]:
+    """One frame of control and true motion; see `simulation.drive`."""
     start = run.world.state.camera[POSITION].copy()
     u, contact = drive(run, gaze)
     if scene is not None:
@@ -115,7 +120,7 @@ def _move(scene: Scene | None, run: Run, gaze: float) -> tuple[np.ndarray, bool]
     return u, bool(contact)
 
 
-def _sense(scene: Scene | None, run: Run) -> bool:
+def measure_points(run: Run, scene: Scene | None) -> bool:
     """The detections of the sensor `points`; whether their ids are the true ones."""
     labelled = bool(sense(run))
     if scene is not None:
@@ -137,10 +142,10 @@ class PointPerception:
     def frame(self, run: Run, u: np.ndarray, contact: bool) -> None:
         """Measure and estimate."""
         ends = (run.world.state.frame + 1) % run.models.task.frames_per_step == 0
-        update_estimate(run, u, contact, _sense(self.scene, run), bool(ends))
+        update_estimate(run, u, contact, measure_points(run, self.scene), bool(ends))
 
 
-class PluggedPerception:
+class ForeignPerception:
     """A foreign sensor, or the simulated points, with any estimator. What they answer is checked here."""
 
     def __init__(self, run: Run, start: Start, seed: np.random.SeedSequence) -> None:
@@ -202,7 +207,7 @@ class PluggedPerception:
     def _measured(self, run: Run) -> np.ndarray:
         """(M, d) the measurements; writes their pixels, labels and, where the scenario gives them, ids."""
         if self._simulated:
-            _sense(self.scene, run)
+            measure_points(run, self.scene)
             return run.candidate["pixel"][: int(run.episode.detections)].copy()
         time, what = (int(run.world.state.frame) + 1) * self._dt, f"measure() of {self._sensed}"
         truth = truth_of(run.world, self.scene or box_scene(run))

@@ -192,7 +192,8 @@ class Reads:
             look = partial(sight_after, camera, given)
         else:
             sight = partial(sight_by, self._perceptions[i].sensor, given, var)
-            look = partial(asked, f"the sensor {name_of(self.scenario.sensor)!r}", sight)
+            where = f" in frame {int(run.world.state.frame)} of environment {i}"
+            look = partial(asked, f"the sensor {name_of(self.scenario.sensor)!r}", sight, where=where)
         frames = int(uncompiled(frames_left)(run))
         return score_plans_with(look, run.models.motion, given, time, plans, criterion, var, frames)
 

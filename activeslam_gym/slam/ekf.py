@@ -13,29 +13,26 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 
-from activeslam_gym.camera import camera_of, ray_from_pixel
+from activeslam_gym.camera import ray_from_pixel
 from activeslam_gym.config import KNOWN, Scenario
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.kernels import filled, row
-from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, POSITION, QUATERNION, motion_of
+from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, POSITION, QUATERNION
 from activeslam_gym.slam.association import NEW, REJECTED, associate
 from activeslam_gym.slam.belief import (
     INVERSE_DEPTH,
     KIND_DIM,
     angles_of,
     bearing,
-    empty_beliefs,
     point_of,
     reset_belief,
-    write_estimate,
 )
 from activeslam_gym.slam.correction import ITERATIONS, STRAIGHT_PX
 from activeslam_gym.slam.curvature import PRODUCT_FRAMES
 from activeslam_gym.slam.depth_particles import follow_rays
-from activeslam_gym.slam.estimate import Estimate, empty_estimates, taken_estimate
+from activeslam_gym.slam.estimate import Estimate, taken_estimate
 from activeslam_gym.slam.estimator import EKF, EKF_PLAIN, Measurements
-from activeslam_gym.slam.filter import MODELS, detections_of
-from activeslam_gym.slam.frame import COUNTS, count_misses, filter_of, match_by_id
+from activeslam_gym.slam.filter import Filter, detections_of
+from activeslam_gym.slam.frame import count_misses, match_by_id
 from activeslam_gym.slam.initialisation import add_landmark, delete_failed, follow_tracks, promote
 from activeslam_gym.slam.kalman import gain, predict, update_contact
 from activeslam_gym.slam.manifold import MINIMUM_INVERSE_DEPTH, rotated, shift_mean, subtract_and_recentre, turning
@@ -52,12 +49,8 @@ class Ekf:
 
     def __init__(self, scenario: Scenario, fiducials: np.ndarray, sensor: Any) -> None:
         self.scenario, self.fiducials, self.sensor = scenario, fiducials, sensor
-        self.boxes = getattr(sensor, "boxes", np.zeros((0, 2, 3)))
-        self.models = filled(
-            MODELS, camera=camera_of(scenario), motion=motion_of(scenario, 1.0), filter=filter_of(scenario)
-        )
-        self.belief, self.counts = row(empty_beliefs(scenario, 1), 0), np.zeros(1, COUNTS)[0]
-        self._arrays = row(empty_estimates(len(self.belief.feature), 1), 0)
+        self._filter = Filter(scenario, fiducials=fiducials, boxes=getattr(sensor, "boxes", None))
+        self.belief, self.models, self.boxes = self._filter.belief, self._filter.models, self._filter.boxes
 
     def reset(self, mean: np.ndarray, covariance: np.ndarray) -> None:
         """Begin an episode."""
@@ -100,8 +93,7 @@ class Ekf:
 
     def estimate(self) -> Estimate:
         """The present state estimate."""
-        write_estimate(self.belief, float(self.models.filter.initialisation.mapped_depth_ratio), self._arrays)
-        return taken_estimate(self._arrays, self.time)
+        return taken_estimate(self._filter.arrays(), self.time)
 
     def predicted(self) -> Sight:
         """The predicted measurements of the fiducials and features in reach: their pixels, by the sensor.
@@ -148,8 +140,8 @@ class Ekf:
         S_c[:, :2, :2] = (PRODUCT_FRAMES if lasts else 1.0) * points["curvature"]
         R = R + block_diag(*S_c)
         first = belief.state.camera.copy(), belief.feature["mean"].copy()
-        line, H = (one.reshape(len(value), -1) for one in self.linearised(points, places))
-        line = line.ravel()  # the measurements at delta = 0, by the line through the last mean
+        z, H = self.linearised(points, places)
+        line, H = z.ravel(), H.reshape(len(value), dim)  # z at delta = 0, by the line through the last mean
         W, delta, sound = gain(H @ P, H @ P @ H.T + R, value - line)
         for _ in range(ITERATIONS if sound else 0):
             shift_mean(belief, delta)
@@ -171,51 +163,57 @@ class Ekf:
             subtract_and_recentre(belief, W, delta)
 
     def add_landmark(self, value: np.ndarray, R: np.ndarray) -> int:
-        """Initialise the feature measured as ``value`` (d,) with noise ``R`` (d, d); its id, or NEW without room.
-
-        Azimuth, elevation and inverse depth from the camera's position are those of the least squares of measurement
-        and prior depth: a pixel leaves the prior as it is, a range replaces it.
-        """
+        """Initialise the feature measured as ``value`` (d,) with noise ``R`` (d, d); its id, or NEW without room."""
         belief, model, lens, camera = self.belief, self.models.filter, self.models.camera, self.belief.state.camera
         if belief.particles.shape[1] > 0:
             return int(add_landmark(lens, model.initialisation, model.particles, belief, value[:2], R[:2, :2]))
-        if not room_for(belief, KIND_DIM[INVERSE_DEPTH]):
+        prior = float(model.initialisation.rho_mean), float(model.initialisation.rho_std)
+        mean, J, Q = new_landmark(self.sensor, lens, camera, value, R, *prior)
+        if not np.isfinite(Q).all() or not room_for(belief, KIND_DIM[INVERSE_DEPTH]):
             return NEW
-        prior, weight = float(model.initialisation.rho_mean), 1.0 / float(model.initialisation.rho_std) ** 2
-
-        def at(s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-            m, depth = np.array(bearing(s[0], s[1])), 1.0 / s[2]
-            z, H_x, H_y = self.sensor.predict(camera, camera[POSITION] + depth * m[0])
-            H_x = np.array(H_x)
-            H_x[:, D_POSITION] += H_y  # the anchor is the camera's position
-            H_s = H_y @ np.stack((depth * m[1], depth * m[2], -(depth**2) * m[0]), axis=1)
-            off = value - z
-            G = np.linalg.solve(R, H_s).T
-            return off, H_x, G, np.linalg.inv(G @ H_s + np.diag((0.0, 0.0, weight)))
-
-        h = rotation_matrix(camera[QUATERNION]) @ ray_from_pixel(lens, value[:2])
-        s = np.array((*angles_of(h, np.zeros((2, 3))), prior))
-        if len(value) > 2:
-            m = np.array(bearing(s[0], s[1])[0])
-            offs = value - [self.sensor.predict(camera, camera[POSITION] + depth * m)[0] for depth in _DEPTHS]
-            costs = np.sum(offs * np.linalg.solve(R, offs.T).T, axis=1) + weight * (1.0 / _DEPTHS - prior) ** 2
-            s[2] = 1.0 / _DEPTHS[np.argmin(np.nan_to_num(costs, nan=np.inf))]
-        for _ in range(_STEPS):
-            off, _, G, C = at(s)
-            s += C @ (G @ off + np.array((0.0, 0.0, weight * (prior - s[2]))))
-            s[2] = max(s[2], MINIMUM_INVERSE_DEPTH)
-        off, H_x, G, C = at(s)
-        if not np.isfinite(off).all():
-            return NEW
-        J, Q = np.zeros((6, CAMERA_DIM)), np.zeros((6, 6))
-        J[:3, :3], J[3:, :POSE_DIM], Q[3:, 3:] = np.eye(3), -C @ G @ H_x, C
-        k = append_feature(belief, INVERSE_DEPTH, np.array((*camera[POSITION], *s)), J, Q)
-        return int(belief.feature[k]["serial"])
+        return int(belief.feature[append_feature(belief, INVERSE_DEPTH, mean, J, Q)]["serial"])
 
     def _is_labelled(self) -> bool:
         """Whether the ids of this frame's measurements are certain."""
         first = self.scenario.labelled_first_match and self.belief.state.frame == 1
         return bool(first or self.scenario.association == KNOWN)
+
+
+def new_landmark(
+    sensor: Any, lens: Any, camera: np.ndarray, value: np.ndarray, R: np.ndarray, rho: float, rho_std: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A landmark by inverse depth, measured as ``value`` (d,) with noise ``R`` (d, d) from ``camera`` (13,).
+
+    Its mean (6,): anchor, azimuth, elevation and inverse depth; the Jacobian of it by the camera's tangent (6, 12); and
+    its covariance (6, 6) by measurement and prior. The last three numbers are those of the least squares of measurement
+    and prior inverse depth, ``rho`` of deviation ``rho_std``: a pixel leaves the prior as it is, a range replaces it.
+    """
+    weight = 1.0 / rho_std**2
+
+    def at(s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        m, depth = np.array(bearing(s[0], s[1])), 1.0 / s[2]
+        z, H_x, H_y = sensor.predict(camera, camera[POSITION] + depth * m[0])
+        H_x = np.array(H_x)
+        H_x[:, D_POSITION] += H_y  # the anchor is the camera's position
+        H_s = H_y @ np.stack((depth * m[1], depth * m[2], -(depth**2) * m[0]), axis=1)
+        G = np.linalg.solve(R, H_s).T
+        return value - z, H_x, G, np.linalg.inv(G @ H_s + np.diag((0.0, 0.0, weight)))
+
+    h = rotation_matrix(camera[QUATERNION]) @ ray_from_pixel(lens, value[:2])
+    s = np.array((*angles_of(h, np.zeros((2, 3))), rho))
+    if len(value) > 2:
+        m = np.array(bearing(s[0], s[1])[0])
+        offs = value - [sensor.predict(camera, camera[POSITION] + depth * m)[0] for depth in _DEPTHS]
+        costs = np.sum(offs * np.linalg.solve(R, offs.T).T, axis=1) + weight * (1.0 / _DEPTHS - rho) ** 2
+        s[2] = 1.0 / _DEPTHS[np.argmin(np.nan_to_num(costs, nan=np.inf))]
+    for _ in range(_STEPS):
+        off, _, G, C = at(s)
+        s += C @ (G @ off + np.array((0.0, 0.0, weight * (rho - s[2]))))
+        s[2] = max(s[2], MINIMUM_INVERSE_DEPTH)
+    off, H_x, G, C = at(s)
+    J, Q = np.zeros((6, CAMERA_DIM)), np.zeros((6, 6))
+    J[:3, :3], J[3:, :POSE_DIM], Q[3:, 3:] = np.eye(3), -C @ G @ H_x, C
+    return np.array((*camera[POSITION], *s)), J, Q
 
 
 ESTIMATORS: Mapping[str, Any] = MappingProxyType({EKF: Ekf, EKF_PLAIN: Ekf})

@@ -30,7 +30,7 @@ class Measurements(NamedTuple):
 class Estimator(Protocol):
     """One run's estimator. ``Estimator(scenario, fiducials, sensor)`` makes one.
 
-    ``fiducials`` (K, 3) have known positions [m]. ``sensor`` is the `SensorModel` of the scenario's sensor.
+    ``fiducials`` (K, 3) have known positions [m]. ``sensor`` is the `Sensor`: its ``noise``, `predict` and `visible`.
 
     A class may have a static method ``check(scenario)``, which raises where it cannot work in a scenario and is called
     when an environment is made.

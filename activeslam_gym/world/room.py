@@ -135,7 +135,7 @@ def _landmarks(
     count, half = scenario.landmark_count, 0.5 * np.array(scenario.room_size)
     if scenario.landmark_layout == CLUSTERS:
         centres = uniform_points(scenario, scenario.cluster_count, rng) * 0.9
-    apart, found = [taken], []
+    apart, found = [taken], list[np.ndarray]()
     for _ in range(_BATCHES):
         if scene is not None:
             drawn = np.hstack(scene.sample(count, rng))
@@ -147,7 +147,7 @@ def _landmarks(
         else:
             drawn = uniform_points(scenario, count, rng)
         candidates = drawn if scenario.has_normals else drawn[~inside_any(drawn, boxes)]
-        free = ~_near(candidates, np.concatenate(apart), scenario.point_spacing).any(axis=1)
+        free: Any = ~_near(candidates, np.concatenate(apart), scenario.point_spacing).any(axis=1)
         near = _near(candidates, candidates, scenario.point_spacing)
         for k in range(len(candidates)):
             if free[k] and len(found) < count:

@@ -5,20 +5,19 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 from activeslam_gym.evaluation import Episode, Store, outcome
 from activeslam_gym.evaluation.code import LIBRARIES, package_versions
 from agents.figures import draw_all
 from agents.summary import Summary, headline, markdown, summarise, text
 from agents.task import Task, check, file_name, play_until_interrupted
-from agents.tools.arguments import SEEDS, Pages, Workers, given, scenario_argument, within
+from agents.tools.arguments import SEEDS, Pages, Times, Workers, given, within
 from agents.tools.files import alone_in, writable_folder, write_csv, write_json, write_text
 from agents.tools.sections import put_section
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args(Workers, Pages):
+class Args(Workers, Times, Pages):
     """Compare policies in the same held-out episodes; write a table, CSV, JSON and figures."""
 
     policies: tuple[str, ...] = ("mi-constant", "mi-mi", "mi-fisher", "sweep")
@@ -33,10 +32,6 @@ class Args(Workers, Pages):
     """Folder in which episodes are stored, which commands may share; --out/episodes if not given."""
     scenario: tuple[str, ...] = ("paper",)
     """Scenarios: names, fields as JSON ('{"pixel_std": 4.0}'), files of such JSON or 'package.module:name'."""
-    gaze_period: float | None = None
-    """Seconds of a step; the scenario's if not given."""
-    duration: float | None = None
-    """Seconds of an episode; the scenario's if not given."""
     reference: str = "mi-fisher"
     """Policy against which paired differences are taken, beside the one with the highest log score."""
     resume: bool = False
@@ -58,18 +53,9 @@ class Args(Workers, Pages):
         """The policies, each once."""
         return tuple(dict.fromkeys(self.policies))
 
-    @property
-    def environment(self) -> dict[str, Any]:
-        """Arguments of the environment."""
-        return {
-            "scenario": scenario_argument(self.scenario[0]),
-            "gaze_period": self.gaze_period,
-            "duration": self.duration,
-        }
-
     def tasks(self) -> list[Task]:
         """Seed by seed, so that an interrupted comparison has the same episodes of every policy."""
-        settings = json.dumps(self.environment, sort_keys=True)
+        settings = json.dumps(self.environment(self.scenario[0]), sort_keys=True)
         seeds = range(self.seed, self.seed + self.episodes)
         return [Task(name, seed, settings, whole=seed == self.seed) for seed in seeds for name in self.names]
 
@@ -78,7 +64,7 @@ def main(args: Args) -> int:
     """Run the comparison and print it; the exit status, 130 when interrupted. Raises ValueError for a bad argument."""
     if len(names := dict.fromkeys(args.scenario)) > 1:
         parts = [replace(args, scenario=(one,), out=args.out / file_name(one)) for one in names]
-        check(args.names, [part.environment for part in parts])
+        check(args.names, [args.environment(one) for one in names])
         return next((status for part in parts if (status := main(part))), 0)
     summary = compare(args)
     if summary is None:
@@ -100,7 +86,7 @@ def compare(args: Args) -> Summary | None:
     for name, folder in {"out": args.out, "store": args.store}.items():
         if folder:
             writable_folder(name, folder)
-    check(args.names, [args.environment], args.seed)
+    check(args.names, [args.environment(args.scenario[0])], args.seed)
     print(f"{args.scenario[0]}: {', '.join(args.names)}; {args.episodes} episodes each.", flush=True)
     with alone_in(args.out):
         episodes: list[Episode] = []
@@ -119,7 +105,7 @@ def _written(episodes: Sequence[Episode], args: Args) -> Summary:
     settings = {
         "policies": list(args.names),
         **{name: getattr(args, name) for name in ("episodes", "seed")},
-        **args.environment,
+        **args.environment(args.scenario[0]),
         "complete": len(episodes) == total,
         "versions": package_versions(LIBRARIES),
     }

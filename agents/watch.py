@@ -18,7 +18,7 @@ from activeslam_gym.files import written_whole
 from activeslam_gym.rendering import NoScreenWarning
 from activeslam_gym.rendering.scene import TEXT
 from agents.task import check, file_name, make_environment, run_policy
-from agents.tools.arguments import SEEDS, given, positive, scenario_argument, within
+from agents.tools.arguments import SEEDS, Times, given, positive, within
 from agents.tools.files import writable_file, writable_folder
 
 LONGEST = 60.0  # of a picture of the animation [s]
@@ -29,8 +29,8 @@ LOST = "#D62728"
 Picture = np.ndarray  # (H, W, 3) uint8
 
 
-@dataclass(frozen=True)
-class Args:
+@dataclass(frozen=True, kw_only=True)
+class Args(Times):
     """Watch an episode in a window or, with --save or --tum, in files."""
 
     policies: tuple[str, ...] = ("mi-fisher",)
@@ -39,10 +39,6 @@ class Args:
     """Seed of the episode."""
     scenario: str = "paper"
     """Scenario: a name, fields as JSON, a file of such JSON or 'package.module:name'."""
-    gaze_period: float | None = None
-    """Seconds of a step; the scenario's if not given."""
-    duration: float | None = None
-    """Seconds of the episode; the scenario's if not given."""
     save: Path | None = None
     """File for an animation of all policies side by side: NAME.gif."""
     every: float = 0.5
@@ -67,18 +63,14 @@ class Args:
             writable_file("save", self.save)
         if self.tum:
             writable_folder("tum", self.tum)
-        check(self.policies, [self.environment])
+        check(self.policies, [self.drawn])
 
     @property
-    def environment(self) -> dict[str, Any]:
+    def drawn(self) -> dict[str, Any]:
         """Arguments of the environment; it draws in a window where nothing is to be written."""
         in_window = self.save is None and self.tum is None
-        return {
-            "scenario": scenario_argument(self.scenario),
-            "gaze_period": self.gaze_period,
-            "duration": self.duration,
-            "render_mode": "human" if in_window else "rgb_array",  # which keeps the history that a picture shows
-        }
+        mode = "human" if in_window else "rgb_array"  # the latter keeps the history that a picture shows
+        return self.environment(self.scenario) | {"render_mode": mode}
 
 
 def main(args: Args) -> int:
@@ -98,7 +90,7 @@ def watch(args: Args) -> Iterator[Path]:
     """
     films, titles = [], labels(args.policies)
     for name, title in titles.items():
-        film, env = Film(args.every, args.width), make_environment(args.environment)
+        film, env = Film(args.every, args.width), make_environment(args.drawn)
         observers: list[Observer] = [film.observe] if args.save else []
         with warnings.catch_warnings():
             warnings.simplefilter("error", NoScreenWarning)

@@ -38,6 +38,24 @@ class Workers:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Times:
+    """How long a step and an episode are."""
+
+    gaze_period: float | None = None
+    """Seconds of a step; the scenario's if not given."""
+    duration: float | None = None
+    """Seconds of an episode; the scenario's if not given."""
+
+    def environment(self, scenario: str) -> dict[str, Any]:
+        """Arguments of the environment, for a scenario of the command line."""
+        return {
+            "scenario": scenario_argument(scenario),
+            "gaze_period": self.gaze_period,
+            "duration": self.duration,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
 class Pages:
     """Generated sections of pages that people write."""
 

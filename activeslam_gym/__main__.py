@@ -52,13 +52,9 @@ def _add_live(commands: Any) -> None:
     )
     one.add_argument("--rate", type=float, default=30.0, help=f"images a second of a folder or video {_DEFAULT}")
     one.add_argument("--seed", type=int, default=0, help=f"seed of the rendered room {_DEFAULT}")
-    adviser = f"policy that advises: paper, or for instance generalist or greedy-plus {_DEFAULT}"
-    one.add_argument("--adviser", default="paper", help=adviser)
     follow = f"always: the simulated person follows the advice; never: moves at random {_DEFAULT}"
     one.add_argument("--follow", default="always", choices=("always", "never"), help=follow)
-    one.add_argument(
-        "--host", default="127.0.0.1", help=f"address to serve at; beyond loopback it asks for a token {_DEFAULT}"
-    )
+    one.add_argument("--host", default="127.0.0.1", help=f"address to serve at; 0.0.0.0: every interface {_DEFAULT}")
     one.add_argument("--port", type=int, default=8080, help=f"port to serve at; 0 is any free one {_DEFAULT}")
     one.add_argument("--seconds", type=float, help="duration in seconds (default: until Ctrl-C)")
     one.add_argument("--record", metavar="DIR", help="folder in which to keep images, log, trajectory and map")
@@ -87,8 +83,7 @@ def _add_track(commands: Any) -> None:
     one.add_argument("--out", required=True, help="folder to write trajectory.tum, map.csv and frames.csv to")
     one.add_argument("--features", type=int, default=FEATURES, help=f"largest number of features in the map {_DEFAULT}")
     one.add_argument("--film", action="store_true", help="write film.mp4 too: the images beside the map")
-    one.add_argument("--covariance", metavar="FILE", help="write the covariance (6 x 6) of each pose to this text file")
-    one.add_argument("--belief", choices=("smfeval",), help="write belief.square too, which the program smfeval scores")
+    one.add_argument("--belief", choices=("smfeval",), help="write poses and covariances to belief.square, for smfeval")
     one.add_argument("--keep-lost", action="store_true", help="write the poses of lost images to trajectory.tum too")
 
 
@@ -159,9 +154,7 @@ def _live(args: argparse.Namespace) -> Ending:
 def _track(args: argparse.Namespace) -> Ending:
     from activeslam_gym.vision.track import summary, track
 
-    files = args.images, args.calibration, args.target, args.rate, args.out
-    outputs = args.film, args.covariance, args.keep_lost, args.features
-    done, advice = track(*files, *outputs, args.camera, args.times, args.belief is not None)
+    done, advice = track(args)
     print(f"{summary(done)}; results in {args.out}")
     tracked, early = len(done.lost) - int(done.lost.sum()), done.trouble and f"ended early: {done.trouble}"
     if 2 * tracked < len(done.lost):

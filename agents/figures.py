@@ -14,8 +14,7 @@ import numpy as np
 from activeslam_gym import Gaze, Motion
 from activeslam_gym.evaluation import Episode, gaze_counts, motion_counts, outcome
 from activeslam_gym.files import written_whole
-from activeslam_gym.rendering.geometry import ellipses
-from activeslam_gym.rendering.scene import FIDUCIAL
+from activeslam_gym.rendering.scene import FIDUCIAL, ellipses
 from agents.summary import grouped
 from agents.tools.statistics import estimate
 

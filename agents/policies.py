@@ -91,12 +91,6 @@ def holds_code(name: str) -> bool:
     return name.endswith(".zip") or ":" in name
 
 
-def offered(name: str) -> Callable[[Environment], Predictor]:
-    """The same with one seed, as `activeslam_gym.policies` among the entry points: see `live --adviser`."""
-    make = factory(name)
-    return lambda env: make(env, 0)
-
-
 def learned(name: str, env: Environment, folder: Path) -> Predictor:
     """The policy of the weights ``name``.npz in a folder. ValueError where there are none, or they do not fit."""
     from agents.learn.weights import LearnedPolicy, read

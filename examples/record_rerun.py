@@ -17,8 +17,7 @@ from scipy.spatial.transform import Rotation
 import activeslam_gym  # noqa: F401
 import baselines
 from activeslam_gym.evaluation import run_episode
-from activeslam_gym.rendering.geometry import ellipses
-from activeslam_gym.rendering.scene import believed_points, predicted_pixels
+from activeslam_gym.rendering.scene import believed_points, ellipses, predicted_pixels
 
 CURVES = ("entropy", "log_score", "position_error", "landmarks_mapped")
 

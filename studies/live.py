@@ -18,7 +18,7 @@ import tyro
 from activeslam_gym import Motion
 from activeslam_gym.evaluation import Store
 from activeslam_gym.evaluation.store import Arrays
-from activeslam_gym.live.person import FOLLOW, HABITS, NEVER, STILL
+from activeslam_gym.live.source import FOLLOW, HABITS, NEVER, STILL
 from activeslam_gym.live.trial import Second, trial
 from agents.figures import PARTS, grid_of_panels, save_figure
 from agents.tools.arguments import command_line, within

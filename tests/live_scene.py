@@ -1,24 +1,31 @@
 """A state of a live run without a run, and a page with visitors (viser, of the extra `live`)."""
 
+import os
 import shutil
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from activeslam_gym.live.page import Page
-from activeslam_gym.live.state import About, Standing, State
+from activeslam_gym.live.source import ROOM
+from activeslam_gym.live.state import Standing, State
 from activeslam_gym.motion import Motion
 
+ROOT = Path(__file__).resolve().parents[1]
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 SWITCHES = """--no-sandbox --disable-gpu --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader
     --disable-quic
     --no-first-run --disable-background-networking --disable-component-update --disable-sync""".split()
 PATIENCE = 240.0
 """Software GL on a busy machine is slow [s]."""
-ABOUT = About("a <test>", (320, 240), 195.0, 15.0, (6.0, 2.0, 6.0), True)
+SOURCE: Any = SimpleNamespace(name="a <test>", scenario=ROOM, person=object())
 
 
 def a_state(frame: int = 1, n: int = 12) -> State:
@@ -43,18 +50,26 @@ def until(holds: Callable[[], Any], seconds: float = 60.0) -> Any:
     return value
 
 
-Served = tuple[Page, list[tuple[str, Any]]]
-"""A page in this process, and the requests that it makes."""
+@contextmanager
+def serving(source: Any = SOURCE, host: str = "127.0.0.1") -> Iterator[Page]:
+    made = Page(source, host, 0)
+    try:
+        yield made
+    finally:
+        made.close()
 
 
 @contextmanager
-def serving(host: str = "127.0.0.1", filming: Any = None) -> Iterator[Served]:
-    requests: list[tuple[str, Any]] = []
-    made = Page(ABOUT, host, 0, lambda name, value: requests.append((name, value)), filming)
+def served(*options: str) -> Iterator[str]:
+    """The address of a page that the command serves with these ``options``."""
+    line = [sys.executable, "-m", "activeslam_gym", "live", "--port", "0", *options]
+    process = subprocess.Popen(line, env={**os.environ, "PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, text=True)
     try:
-        yield made, requests
+        assert process.stdout is not None
+        yield process.stdout.readline().split()[1]
     finally:
-        made.close()
+        process.terminate()
+        process.wait(30)
 
 
 def visitor(address: str, **how: Any) -> Any:

@@ -44,7 +44,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "envs.episode",
         "__init__",
     },  # reads environments through their public surface
-    "live": MATHEMATICS | {"files", "metrics", "slam", "information", "vision", "envs.outside"},
+    "live": MATHEMATICS | {"files", "metrics", "slam", "information", "vision"},
     "__main__": {"vision", "live"},
     "__init__": {"config", "motion", "envs"},
 }

@@ -102,7 +102,6 @@ TABLE = [
     ("track", {"rate": "nan"}, "rate must be a positive number of images a second, got nan"),
     ("track", {"rate": "fast"}, "argument --rate: invalid float value: 'fast'"),
     ("track", {"out": "lens.json"}, "--out: 'lens.json' is no folder to write to (Not a directory)"),
-    ("track", {"covariance": "good"}, "--covariance: good: Is a directory"),
     ("calibrate", {"out": "good"}, "--out: good is a folder; allowed: a file"),
     ("calibrate", {"out": "lens.json/lens.json"}, "is no folder to write to (Not a directory)"),
     ("calibrate", {"kind": "dots"}, "kind must be one of chessboard, charuco, got 'dots'"),

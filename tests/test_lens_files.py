@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("yaml", reason="the extra `vision` is not installed")
 
-from activeslam_gym.vision.other_lenses import read_lens  # noqa: E402
+from activeslam_gym.vision.other_lenses import read_lens
 
 RADIAL, FISHEYE = "[0.05, -0.02, 0.001, -0.0005]", "[0.01, -0.003, 0.001, 0.0002]"
 K = "[500, 0, 310, 0, 502, 245, 0, 0, 1]"

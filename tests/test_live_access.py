@@ -1,114 +1,80 @@
-"""The live page's server refuses the pages of other sites, and from other machines it demands a token."""
+"""The live page's server answers under its token alone, and from other machines encrypted."""
 
-import queue
-import socket
 import ssl
 import struct
-from collections.abc import Iterator
-from hashlib import sha256
+import urllib.error
+import urllib.request
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
-viser = pytest.importorskip("viser", reason="the extra `live` is not installed")
+pytest.importorskip("viser", reason="the extra `live` is not installed")
+pytest.importorskip("trustme", reason="the extra `live` is not installed")
 
-from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
-from websockets.sync.client import connect  # noqa: E402
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
 
-from activeslam_gym.live.filming import Filming  # noqa: E402
-from activeslam_gym.live.guard import Guard, guarding  # noqa: E402
+from activeslam_gym.live.access import Access
+from activeslam_gym.live.device import Device
 
-from .live_scene import Page, Served, serving  # noqa: E402
+from .live_scene import serving, visitor
 
-HANDSHAKE = (
-    "Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13",
-    "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==", f"Sec-WebSocket-Protocol: viser-v{viser.__version__}",
-)  # fmt: skip
-
-
-@pytest.fixture
-def page() -> Iterator[Served]:
-    with serving() as made:
-        yield made
+TRUSTING = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+TRUSTING.check_hostname, TRUSTING.verify_mode = False, ssl.CERT_NONE
 
 
-def place_of(page: Page) -> tuple[str, int]:
-    """Where another user of this machine reaches it."""
-    return "127.0.0.1", page._server.get_port()
+def got(address: str) -> tuple[int, bytes]:
+    """The status and the body of what is at an ``address``."""
+    try:
+        with urllib.request.urlopen(address, timeout=30.0, context=TRUSTING) as answer:
+            return answer.status, answer.read()
+    except urllib.error.HTTPError as refused:
+        return refused.code, refused.read()
 
 
-def answers(place: tuple[str, int], *headers: str, path: str = "/") -> tuple[int, int]:
-    """The status of an HTTP request and of a websocket handshake with these ``headers``."""
-    http, websocket = (said(place, *headers, *more, path=path) for more in ((), HANDSHAKE))
-    return int(http.split()[1]), int(websocket.split()[1])
+def test_without_the_token_a_page_is_neither_read_nor_steered() -> None:
+    with serving() as page:
+        scheme, _, place, token, _ = page.address.split("/")
+        assert got(page.address)[0] == 200 and len(token) >= 22 and not page.access.encrypted
+        with visitor(page.address) as client:
+            assert client.recv(timeout=30.0)
+        for path in ("", token, f"x{token}/", f"{token[:-1]}/", f"/{token}/", f"?{token}/", f"{token.swapcase()}/"):
+            assert got(f"{scheme}//{place}/{path}")[0] == 403, path
+            with pytest.raises(InvalidStatus, match="403"):
+                visitor(f"{scheme}//{place}/{path}")
+    assert Access("127.0.0.1").address(1) != Access("127.0.0.1").address(1)
 
 
-def said(place: tuple[str, int], *headers: str, path: str = "/") -> str:
-    with socket.create_connection(place, timeout=30.0) as caller:
-        caller.sendall("\r\n".join((f"GET {path} HTTP/1.1", *headers, "", "")).encode())
-        return caller.recv(4096).decode(errors="replace")
-
-
-def test_a_rebound_name_neither_reads_nor_steers_it_and_the_own_page_is_answered(page: Served) -> None:
-    place = place_of(page[0])
-    for name in ("localhost", "127.0.0.1", "[::1]", "LOCALHOST"):
-        host = f"{name}:{place[1]}"
-        assert answers(place, f"Host: {host}") == (200, 101)
-        assert answers(place, f"Host: {host}", f"Origin: http://{host.lower()}") == (200, 101)
-    hosts = ("evil.example", f"evil.example:{place[1]}", f"localhost.:{place[1]}", "localhost:1", "localhost", "")
-    for host in hosts:
-        assert answers(place, f"Host: {host}") == (403, 403), host
-        assert answers(place, f"Host: {host}", f"Origin: http://{host}") == (403, 403), host
-    own = f"Host: localhost:{place[1]}"
-    assert answers(place) == answers(place, own, own) == answers(place, own, "Host: evil.example") == (403, 403)
-
-
-def test_a_page_that_films_from_afar_is_encrypted_by_the_certificate_that_it_names() -> None:
-    pytest.importorskip("trustme", reason="the extra `live` is not installed")
-    trusting = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-    trusting.check_hostname, trusting.verify_mode = False, ssl.CERT_NONE
-    images: queue.Queue[Any] = queue.Queue(1)
-    with serving("0.0.0.0", Filming(images, "kept <nowhere>")) as (served, _):
-        place, (scheme, _, _, token, _) = place_of(served), served.address.split("/")
-        own = f"127.0.0.1:{place[1]}"
-
-        def get(path: str, *headers: str) -> str:
-            with socket.create_connection(place, timeout=30.0) as plain, trusting.wrap_socket(plain) as caller:
-                certificate = caller.getpeercert(binary_form=True)
-                assert certificate and sha256(certificate).hexdigest() == served.fingerprint.replace(":", "").lower()
-                caller.sendall("\r\n".join((f"GET {path} HTTP/1.1", f"Host: {own}", *headers, "", "")).encode())
-                return b"".join(iter(lambda: caller.recv(65536), b"")).decode(errors="replace")
-
-        assert scheme == "https:"
-        page, script = get(f"/{token}/", f"Origin: https://{own}"), get(f"/{token}/device.js")
-        assert page.startswith("HTTP/1.1 200") and 'data-kept="kept &lt;nowhere&gt;"' in page
-        assert script.startswith("HTTP/1.1 200") and "getUserMedia" in script
-        for path, origin in (("/", "https"), ("/device.js", "https"), (f"/{token}/", "http"), ("/device", "https")):
-            assert get(path, f"Origin: {origin}://{own}").startswith("HTTP/1.1 403"), path
-        with socket.create_connection(place, timeout=30.0) as plain:
-            plain.sendall(f"GET /{token}/ HTTP/1.1\r\nHost: {own}\r\n\r\n".encode())
-            assert b"200" not in plain.recv(4096), "nothing is told unencrypted"
+def test_a_page_that_films_from_afar_is_encrypted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(Device, "_warm_up", lambda self: None)
+    device: Any = Device(None, None, 5.0, tmp_path / "lens.json", kept="a <folder>")
+    with serving(device, "0.0.0.0") as page:
+        scheme, _, place, token, _ = page.address.split("/")
+        own = f"https://127.0.0.1:{place.split(':')[1]}/{token}/"
+        assert scheme == "https:" and page.access.encrypted
+        assert b'data-kept="They are kept there, with the trajectory, in a &lt;folder&gt;.' in got(own)[1]
+        assert b"getUserMedia" in got(f"{own}device.js")[1] and b"<svg" in got(f"{own}board.svg")[1]
+        with pytest.raises((OSError, urllib.error.URLError)):
+            got(own.replace("https", "http"))
         jpeg = cv2.imencode(".jpg", np.full((8, 16), 99, np.uint8))[1].tobytes()
-        url = f"wss://{own}/{token}/device"
-        with connect(url, ssl=trusting, origin=f"https://{own}") as device:
+        with connect(own.replace("https", "wss") + "device", ssl=TRUSTING) as sender:
             times = []
             for seconds, sent in ((5.0, 1), (4.0, 0), (6.5, 1)):  # an image of the past is left out
-                device.send(struct.pack("<d", seconds) + jpeg)
-                assert device.recv(30) == "next" and images.qsize() == sent
+                sender.send(struct.pack("<d", seconds) + jpeg)
+                assert sender.recv(30) == "next" and device._images.qsize() == sent
                 if sent:
-                    at, image = images.get()
+                    at, image = device.next()
                     times.append(at)
                     assert image.shape == (8, 16)
             assert np.diff(times) == pytest.approx(1.5)
-            device.send(b"nonsense, of some length")
+            sender.send(b"nonsense, of some length")
             with pytest.raises(ConnectionClosed, match="no image"):
-                device.recv(30)
-        with pytest.raises(InvalidStatus, match="403"):
-            connect(url, ssl=trusting, origin="https://evil.example")
+                sender.recv(30)
 
 
 def test_a_server_that_cannot_be_guarded_is_not_used() -> None:
-    with pytest.raises(OSError, match="this version of viser"), guarding(Guard.of("127.0.0.1")):
+    with pytest.raises(OSError, match="this version of viser"), Access("127.0.0.1").guarding():
         pass

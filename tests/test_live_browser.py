@@ -3,9 +3,6 @@
 It is the system's own chromium, headless, with GL in software: what is judged is the picture's pixels.
 """
 
-import os
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -18,13 +15,13 @@ viser = pytest.importorskip("viser", reason="the extra `live` is not installed")
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: see make client-live")
 
-from .live_scene import BROWSER, PATIENCE, SWITCHES, until  # noqa: E402
+from .live_scene import BROWSER, PATIENCE, SWITCHES, until
+from .live_scene import served as serving
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(BROWSER is None, reason="no chromium is installed")]
 
-from activeslam_gym.vision import film  # noqa: E402
+from activeslam_gym.vision import film
 
-ROOT = Path(__file__).resolve().parents[1]
 VIEW = "img:not([src^='data:image/svg'])"
 """The camera's view: the only picture but for icons."""
 DESK, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
@@ -44,15 +41,8 @@ class Served(NamedTuple):
 @pytest.fixture(scope="module")
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     folder = tmp_path_factory.mktemp("browser") / "run"
-    line = [sys.executable, "-m", "activeslam_gym", "live", "--port", "0", "--seconds", "3000", "--record", str(folder)]
-    process = subprocess.Popen(line, env={**os.environ, "PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, text=True)
-    try:
-        assert process.stdout is not None
-        said = process.stdout.readline()
-        yield Served(said.split()[1], folder)
-    finally:
-        process.terminate()
-        process.wait(30)
+    with serving("--seconds", "3000", "--record", str(folder)) as address:
+        yield Served(address, folder)
 
 
 @pytest.fixture(scope="module")

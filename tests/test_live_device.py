@@ -1,11 +1,7 @@
 """A browser films with its fake camera, which plays a rendered sequence, and is tracked (`make client-live`)."""
 
 import json
-import os
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,20 +12,19 @@ viser = pytest.importorskip("viser", reason="the extra `live` is not installed")
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: see make client-live")
 
-from activeslam_gym.vision.calibration import read_calibration  # noqa: E402
-from activeslam_gym.vision.outcome import MATCHED  # noqa: E402
-from activeslam_gym.vision.target import target_from  # noqa: E402
+from activeslam_gym.vision.calibration import read_calibration
+from activeslam_gym.vision.frontend import MATCHED
+from activeslam_gym.vision.target import target_from
 
-from . import vision_scene  # noqa: E402
-from .live_scene import BROWSER, PATIENCE, SWITCHES, until  # noqa: E402
-from .test_vision_board_calibration import LENS as WIDE  # noqa: E402
-from .test_vision_board_calibration import PLACES, TILTS, board_from, held  # noqa: E402
-from .test_vision_starts import CHARUCO, board_on_the_plane  # noqa: E402
-from .vision_scene import LENS, path  # noqa: E402
+from . import vision_scene
+from .live_scene import BROWSER, PATIENCE, SWITCHES, served, until
+from .test_vision_board_calibration import LENS as WIDE
+from .test_vision_board_calibration import PLACES, TILTS, board_from, held
+from .test_vision_starts import CHARUCO, board_on_the_plane
+from .vision_scene import LENS, path
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(BROWSER is None, reason="no chromium is installed")]
 
-ROOT = Path(__file__).resolve().parents[1]
 SMALL = {"width": 320, "height": 240}
 """Of a window, for GL in software is slow."""
 POSES = path(40, 0.45, -0.002)
@@ -75,24 +70,12 @@ def camera(there_and_back: Path, launch: Callable[[Path], Any]) -> Any:
     return launch(there_and_back)
 
 
-@contextmanager
-def live(*options: str) -> Iterator[str]:
-    """The address of a page that films."""
-    line = [sys.executable, "-m", "activeslam_gym", "live", "--source", "browser", "--port", "0", *options]
-    process = subprocess.Popen(line, env={**os.environ, "PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, text=True)
-    try:
-        assert process.stdout is not None
-        yield process.stdout.readline().split()[1]
-    finally:
-        process.terminate()
-        process.wait(30)
-
-
 @pytest.fixture
 def files(tmp_path: Path) -> list[str]:
     (tmp_path / "lens.json").write_text(json.dumps(LENS._asdict()))
     (tmp_path / "target.json").write_text(json.dumps(CHARUCO))
-    return ["--calibration", str(tmp_path / "lens.json"), "--target", str(tmp_path / "target.json"), "--rate", "5"]
+    given = ["--calibration", str(tmp_path / "lens.json"), "--target", str(tmp_path / "target.json"), "--rate", "5"]
+    return ["--source", "browser", *given]
 
 
 @pytest.fixture
@@ -129,7 +112,7 @@ def kept(run: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def test_the_camera_of_the_browser_is_tracked_and_advised(visit: Any, files: list[str], tmp_path: Path) -> None:
     run = tmp_path / "run"
-    with live(*files, "--record", str(run)) as address:
+    with served(*files, "--record", str(run)) as address:
         page = visit(address)
         asked = page.locator("#device").inner_text()
         assert "Use this device's camera?" in asked and f"kept there, with the trajectory, in {run}" in asked
@@ -155,7 +138,7 @@ def test_without_leave_nothing_is_filmed_and_without_a_recording_nothing_is_kept
     visit: Any, files: list[str], tmp_path: Path
 ) -> None:
     before = set(tmp_path.rglob("*"))
-    with live(*files) as address:
+    with served(*files) as address:
         page = visit(address, allows=False)
         assert "They are not kept." in page.locator("#device").inner_text()
         page.click("#film")
@@ -175,7 +158,7 @@ def test_a_board_waved_before_the_browser_calibrates_its_camera(
     rng, asked = np.random.default_rng(1), [*PLACES, *(f"its {side}" for side in TILTS), *[""] * 12]
     poses = [board_from(held(words, rng)) for words in asked]
     played = video(tmp_path / "waved.y4m", [pose for pose in poses for _ in range(3)], 3)  # each is held for a second
-    with live("--calibrate", str(tmp_path / "lens.json"), "--rate", "5") as address:
+    with served("--source", "browser", "--calibrate", str(tmp_path / "lens.json"), "--rate", "5") as address:
         page = launch(played).new_page(viewport=SMALL, permissions=["camera"])
         page.set_default_timeout(1e3 * PATIENCE)
         page.goto(address)

@@ -10,21 +10,18 @@ import pytest
 
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
-from activeslam_gym.camera import camera_of, change_of_view, pixel_from_camera_point  # noqa: E402
-from activeslam_gym.geometry import rotation_matrix  # noqa: E402
-from activeslam_gym.information.candidates import visible_points  # noqa: E402
-from activeslam_gym.live.advice import CRITERION, adviser_named, best  # noqa: E402
-from activeslam_gym.live.drawing import NAMES, command  # noqa: E402
-from activeslam_gym.live.person import FOLLOW, NEVER, STILL, Person  # noqa: E402
-from activeslam_gym.live.run import Live  # noqa: E402
-from activeslam_gym.live.session import Session  # noqa: E402
-from activeslam_gym.live.source import ROOM, RecordedImages, RenderedRoom  # noqa: E402
-from activeslam_gym.live.state import Standing, State  # noqa: E402
-from activeslam_gym.motion import Motion, motion_of  # noqa: E402
-from activeslam_gym.vision.outcome import MATCHED  # noqa: E402
-from activeslam_gym.vision.target import CORNERS  # noqa: E402
+from activeslam_gym.camera import camera_of, change_of_view, pixel_from_camera_point
+from activeslam_gym.geometry import rotation_matrix
+from activeslam_gym.information.candidates import visible_points
+from activeslam_gym.live.advice import CRITERION, best
+from activeslam_gym.live.session import Session
+from activeslam_gym.live.source import FOLLOW, NEVER, ROOM, STILL, Person, RecordedImages, RenderedRoom
+from activeslam_gym.live.state import Standing, State
+from activeslam_gym.motion import Motion, motion_of
+from activeslam_gym.vision.frontend import MATCHED
+from activeslam_gym.vision.target import CORNERS
 
-from .vision_scene import LENS, TARGET, image_from, pose_at  # noqa: E402
+from .vision_scene import LENS, TARGET, image_from, pose_at
 
 HERE = pose_at((0.0, 0.0, 0.7))
 CALM = replace(ROOM, acceleration_std=0.0, angular_acceleration_std=0.0)
@@ -56,19 +53,6 @@ def test_a_command_a_second_is_the_best_of_seven(walk: Any) -> None:
     assert CRITERION == ROOM.motion_criterion
     assert best(np.zeros(7)) == best(np.array([1.0, 2.0, 0.0, np.nan, 0.0, 0.0, 0.0])) == Motion.STAY
     assert best(np.array([1.0, 2.0, 0.0, 0.0, 0.0, 0.0, 1.5])) == Motion.BACKWARDS
-
-
-@pytest.mark.parametrize("name", ["mi-mi", "generalist"])
-def test_a_policy_of_an_environment_advises(name: str) -> None:
-    """Once a second; it has no scores of seven candidates."""
-    if name == "generalist":
-        pytest.importorskip("torch", reason="the extra `agents` is not installed")
-    session = Session(RenderedRoom(3), seed=3, adviser=adviser_named(name))
-    states = [session.step() for _ in range(46)]
-    assert [state.advised.sum() for state in states] == [0] * 15 + [1] * 15 + [2] * 15 + [3]
-    assert states[-1].standing == Standing.TRACKING and np.isnan(states[-1].scores).all()
-    assert NAMES[states[-1].command] in command(states[-1]) and "of a policy" in command(states[-1])
-    assert name != "generalist" or {state.command for state in states[15:]} != {Motion.STAY}
 
 
 def test_the_same_seed_gives_the_same_run_after_a_restart(walk: Any) -> None:
@@ -212,7 +196,7 @@ def test_a_recorded_sequence_is_followed_and_advised_at_its_rate(tmp_path: Path)
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[State]]:
     """A run of 20 images in a folder, not closed: as it is when the process is killed."""
     folder = tmp_path_factory.mktemp("live") / "run"
-    show = Live(RenderedRoom(2), 2, folder)
+    show = Session(RenderedRoom(2), 2, folder)
     states = [show.step() for _ in range(20)]
     show._recording = None  # what is on disk must be enough
     return folder, states
@@ -231,7 +215,7 @@ def test_a_recording_that_was_cut_off_has_its_images_states_trajectory_and_log(r
 
 
 def test_a_restart_has_a_folder_of_its_own_and_none_is_written_over(tmp_path: Path) -> None:
-    show = Live(RenderedRoom(2), 2, tmp_path, film=True)
+    show = Session(RenderedRoom(2), 2, tmp_path, film=True)
     show.step()
     show.restart()
     show.step()
@@ -242,4 +226,4 @@ def test_a_restart_has_a_folder_of_its_own_and_none_is_written_over(tmp_path: Pa
     assert cv2.VideoCapture(str(tmp_path / "film.mp4")).read()[1].shape == (480, 1280, 3)
     assert (tmp_path / "2" / "film.mp4").exists()
     with pytest.raises(OSError, match="holds a live recording already"):
-        Live(RenderedRoom(2), 2, tmp_path)
+        Session(RenderedRoom(2), 2, tmp_path)

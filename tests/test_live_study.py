@@ -10,43 +10,12 @@ from scipy.stats import multivariate_normal, norm
 pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 pytest.importorskip("tyro", reason="the extra `compare` is not installed")
 
-from activeslam_gym import Motion  # noqa: E402
-from activeslam_gym.live.person import FOLLOW, NEVER, STILL  # noqa: E402
-from activeslam_gym.live.session import Session  # noqa: E402
-from activeslam_gym.live.source import ROOM, RenderedRoom  # noqa: E402
-from activeslam_gym.live.trial import Evaluator, trial  # noqa: E402
-from activeslam_gym.metrics import camera_error  # noqa: E402
+from activeslam_gym.live.session import Session
+from activeslam_gym.live.source import FOLLOW, ROOM, STILL, RenderedRoom
+from activeslam_gym.live.trial import Evaluator, trial
+from activeslam_gym.metrics import camera_error
 from activeslam_gym.slam.estimate import taken_estimate
-from studies import live  # noqa: E402
-
-
-def columns(seconds: int, speed: float) -> live.Arrays:
-    """Of a person who removes ``speed`` bits a second, and 50 more at each loop closure, every tenth second."""
-    time = np.arange(1.0, seconds + 1.0)
-    total = -speed * time - 50.0 * (time // 10)
-    command = np.where(time % 5 == 0, Motion.LEFT, Motion.FORWARD)
-    measured = {"log2_det_total": total, "log_score": -total, "position_error": np.full(seconds, 0.02)}
-    return {"time": time, "command": command, "closures": time % 10 == 0, "lost": np.zeros(seconds, bool), **measured}
-
-
-def runs(lasts: list[int]) -> live.Runs:
-    """The one who follows removes 10 bits a second, the one who moves at random 4, the one that stays 1."""
-    speeds = {FOLLOW: 10.0, NEVER: 4.0, STILL: 1.0}
-    return {habit: {j: columns(n, speed) for j, n in enumerate(lasts)} for habit, speed in speeds.items()}
-
-
-def test_rows_are_of_the_same_rooms_at_their_time_and_without_shorter_episodes() -> None:
-    rows = list(live.rows(runs([60] * 6 + [35]), 35.0))
-    assert [row[0] for row in rows] == ["35 s, 7 rooms"] * 5
-    assert [row[2] for row in rows[:3]] == ["-500 [-500, -500]", "-290 [-290, -290]", "-185 [-185, -185]"]
-    assert rows[3][1:] == ["follows − random", "-210 [-210, -210]", "210 [210, 210]", "0.0 [0.0, 0.0]", ""]
-    assert list(live.rows(runs([60] * 6 + [35]), 60.0))[4][:3] == [
-        "60 s, 6 rooms",
-        "follows − stays",
-        "-540 [-540, -540]",
-    ]
-    lateral, closures = live.figure_5(runs([60] * 6)).splitlines()
-    assert ": 20.0 [20.0, 20.0] %" in lateral and ": -50.0 [-50.0, -50.0]." in closures
+from studies import live
 
 
 def test_the_evaluator_sees_the_ground_truth() -> None:
@@ -54,9 +23,7 @@ def test_the_evaluator_sees_the_ground_truth() -> None:
     assert [round(one.time, 6) for one in told] == [1.0, 2.0, 3.0]
     assert all(np.isfinite(one.log_score) for one in told)
     assert told[-1].position_error < 0.2 and not told[-1].lost
-    assert told[-1].mapped >= 5 and told[-1].landmark_rmse < 0.5
     assert told[-1].log2_dets[2] < told[0].log2_dets[2]
-    assert told[0].initialised > 0 and told[-1].matched > 0.5
     still = trial(5, STILL, 1.0)
     assert still[0].log2_dets[2] == pytest.approx(told[0].log2_dets[2], abs=1e-6)  # nobody was told anything yet
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 pytest.importorskip("matplotlib")
 
 from activeslam_gym import Gaze, Motion, Scenario, rendering
-from activeslam_gym.rendering import geometry
+from activeslam_gym.rendering import scene
 from tests.support import random_spd
 
 
@@ -78,12 +78,12 @@ def test_nothing_to_draw_a_lost_belief_and_degenerate_covariances_still_make_a_p
 
 def test_view_is_right_handed_and_the_frustum_projects_back_to_the_image():
     """A mirrored room would show a gaze to the LEFT turning right."""
-    axes = np.vstack((geometry.VIEW, geometry.TOWARDS_VIEWER))
+    axes = np.vstack((scene.VIEW, scene.TOWARDS_VIEWER))
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(axes) == pytest.approx(1.0)
     assert axes[0, 0] < 0 and axes[1, 1] > 0 and axes[0, 1] == pytest.approx(0.0)
     position, quaternion = np.random.default_rng(2).normal(size=3), np.array([0.5, -0.5, 0.1, 0.7])
-    corners = geometry.camera_frustum(Scenario(), (320, 240), position, quaternion, 0.7)[-1]
+    corners = scene.camera_frustum(Scenario(), (320, 240), position, quaternion, 0.7)[-1]
     x, y, z = Rotation.from_quat(quaternion, scalar_first=True).inv().apply(corners - position).T
     pixels = np.stack((162 - 195 * x / z, 125 - 195 * y / z), axis=1)
     np.testing.assert_allclose(pixels, [(0, 0), (320, 0), (320, 240), (0, 240)], atol=1e-9)
@@ -94,18 +94,18 @@ def test_ellipses_and_great_circles_lie_at_their_sigmas_and_within_the_outline()
         return np.einsum("nki,nij,nkj->nk", points, np.linalg.inv(covariances), points)
 
     rng = np.random.default_rng(0)
-    for dimension, curves in ((2, geometry.ellipses), (3, geometry.great_circles)):
+    for dimension, curves in ((2, scene.ellipses), (3, scene.great_circles)):
         covariances = np.array([random_spd(rng, np.linspace(0.3, 1.0, dimension)) for _ in range(4)])
         means = rng.normal(size=(4, dimension))
         points = curves(means, covariances, 2.0).reshape(4, -1, dimension) - means[:, None]
         np.testing.assert_allclose(squares(points, covariances), 4.0)
-    origin, on_page = np.zeros((4, 3)), geometry.VIEW @ covariances @ geometry.VIEW.T
-    np.testing.assert_allclose(squares(geometry.ellipsoid_outlines(origin, covariances, 2.0), on_page), 4.0)
+    origin, on_page = np.zeros((4, 3)), scene.VIEW @ covariances @ scene.VIEW.T
+    np.testing.assert_allclose(squares(scene.ellipsoid_outlines(origin, covariances, 2.0), on_page), 4.0)
     longest = np.sqrt(np.linalg.eigvalsh(covariances).max(1))
-    np.testing.assert_allclose(geometry.shortened(covariances, longest.max()), covariances, atol=1e-12)
-    cut = geometry.shortened(covariances, 0.5 * longest.min())
+    np.testing.assert_allclose(scene.shortened(covariances, longest.max()), covariances, atol=1e-12)
+    cut = scene.shortened(covariances, 0.5 * longest.min())
     np.testing.assert_allclose(np.sqrt(np.linalg.eigvalsh(cut).max(1)), 0.5 * longest.min())
-    circles = geometry.screen_from_world(geometry.great_circles(origin, covariances, 2.0)).reshape(4, -1, 2)
+    circles = scene.screen_from_world(scene.great_circles(origin, covariances, 2.0)).reshape(4, -1, 2)
     assert squares(circles, on_page).max() <= 4.0 + 1e-9
 
 

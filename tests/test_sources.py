@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 Image = pytest.importorskip("PIL.Image", reason="the extra `vision` is not installed")
 
-from activeslam_gym.vision.sources import SourceError, images_of, open_images  # noqa: E402
+from activeslam_gym.vision.sources import SourceError, images_of
 
 START = 1403636579763555584
 
@@ -29,7 +29,7 @@ def seen(frames) -> list[int]:
 
 def test_numbers_in_names_are_ordered_as_numbers(tmp_path) -> None:
     pictures(tmp_path / "a", [f"shot{k}.png" for k in range(12)])
-    assert seen(open_images(tmp_path / "a", 30.0)) == list(range(12))
+    assert seen(images_of(tmp_path / "a", 30.0).frames) == list(range(12))
 
 
 LISTS = {
@@ -90,7 +90,7 @@ def test_a_text_is_no_video(tmp_path) -> None:
     pytest.importorskip("av", reason="PyAV is not installed")
     (tmp_path / "rgb.list").write_text(LISTS["rgb.txt"] * 30)
     with pytest.raises(SourceError, match="text|damaged"):
-        open_images(tmp_path / "rgb.list")
+        images_of(tmp_path / "rgb.list")
 
 
 def test_times_in_names_are_used_unless_a_rate_is_given(tmp_path, capsys) -> None:
@@ -99,7 +99,7 @@ def test_times_in_names_are_used_unless_a_rate_is_given(tmp_path, capsys) -> Non
     for name in ("euroc", "tum"):
         assert images_of(tmp_path / name).rate == pytest.approx(20.0, rel=1e-4)
         assert "20.00 images a second, by the times in their names" in capsys.readouterr().err
-        assert [time for time, _ in open_images(tmp_path / name, 10.0)] == [0.0, 0.1, 0.2, 0.3]
+        assert [time for time, _ in images_of(tmp_path / name, 10.0).frames] == [0.0, 0.1, 0.2, 0.3]
         assert "20.00 images a second by its times, and --rate is 10" in capsys.readouterr().err
 
 
@@ -119,15 +119,15 @@ def test_alpha_is_left_out_and_other_pixels_are_refused(tmp_path) -> None:
     grey = np.arange(24 * 32, dtype=np.uint16).reshape(24, 32).astype(np.uint8)
     (tmp_path / "a").mkdir()
     Image.merge("LA", [Image.fromarray(grey), Image.fromarray(255 - grey)]).save(tmp_path / "a/0.png")
-    ((_, image),) = open_images(tmp_path / "a")
+    ((_, image),) = images_of(tmp_path / "a").frames
     np.testing.assert_array_equal(image, grey)
     (tmp_path / "b").mkdir()
     pages = [Image.fromarray(grey)] * 3
     pages[0].save(tmp_path / "b/0.tif", save_all=True, append_images=pages[1:])
     with pytest.raises(SourceError, match="3 pages"):
-        open_images(tmp_path / "b")
+        images_of(tmp_path / "b")
     with pytest.raises(SourceError, match="pages"):
-        open_images(tmp_path / "b/0.tif")
+        images_of(tmp_path / "b/0.tif")
 
 
 def video(path: Path, stamps: list[int]) -> Path:
@@ -148,10 +148,10 @@ def video(path: Path, stamps: list[int]) -> Path:
 def test_a_video_has_its_own_times(tmp_path, capsys) -> None:
     stamps = [500, 520, 540, 580, 620]
     path = video(tmp_path / "a.mkv", stamps)
-    frames = list(open_images(path))
+    frames = list(images_of(path).frames)
     np.testing.assert_allclose([time for time, _ in frames], 1e-3 * (np.array(stamps) - 500.0), atol=1e-9)
     assert seen(frames) == [0, 5, 10, 15, 20] and capsys.readouterr().err == ""
-    assert [time for time, _ in open_images(path, 10.0)] == [0.0, 0.1, 0.2, 0.3, 0.4]
+    assert [time for time, _ in images_of(path, 10.0).frames] == [0.0, 0.1, 0.2, 0.3, 0.4]
     assert "--rate is 10" in capsys.readouterr().err
 
 
@@ -159,5 +159,5 @@ def test_a_video_that_is_cut_off_is_read_to_its_end(tmp_path, capsys) -> None:
     path = video(tmp_path / "a.mkv", [40 * k for k in range(200)])
     data = path.read_bytes()
     path.write_bytes(data[: len(data) // 2])
-    assert 20 < len(list(open_images(path))) < 180
+    assert 20 < len(list(images_of(path).frames)) < 180
     assert "is its end cut off?" in capsys.readouterr().err

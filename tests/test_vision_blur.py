@@ -7,16 +7,16 @@ import pytest
 
 pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
-from activeslam_gym.camera import camera_of  # noqa: E402
-from activeslam_gym.live.source import ROOM  # noqa: E402
-from activeslam_gym.motion import transition  # noqa: E402
-from activeslam_gym.slam.filter import Filter  # noqa: E402
-from activeslam_gym.vision.frontend import FrontEnd  # noqa: E402
-from activeslam_gym.vision.room.camera import RoomCamera, introduce_target  # noqa: E402
-from activeslam_gym.vision.settings import FrontEndSettings  # noqa: E402
-from activeslam_gym.vision.views import projected, speeds  # noqa: E402
+from activeslam_gym.camera import camera_of
+from activeslam_gym.live.source import ROOM
+from activeslam_gym.motion import transition
+from activeslam_gym.slam.filter import Filter
+from activeslam_gym.vision.frontend import FrontEnd
+from activeslam_gym.vision.room.camera import RoomCamera, introduce_target
+from activeslam_gym.vision.settings import FrontEndSettings
+from activeslam_gym.vision.views import projected, speeds
 
-from .vision_scene import CAMERA  # noqa: E402
+from .vision_scene import CAMERA
 
 SURE = np.diag(np.repeat((1e-4, 1e-3, 1e-2, 1e-2), 3) ** 2)
 

@@ -9,19 +9,19 @@ import pytest
 
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
-from activeslam_gym.__main__ import parser  # noqa: E402
-from activeslam_gym.geometry import rotation_matrix  # noqa: E402
-from activeslam_gym.live import device  # noqa: E402
-from activeslam_gym.live.device import Device  # noqa: E402
-from activeslam_gym.live.run import Live, filming_of, show_of  # noqa: E402
-from activeslam_gym.live.source import GuidanceError  # noqa: E402
-from activeslam_gym.vision.board_calibration import BOARD, BoardCalibration, sheet  # noqa: E402
-from activeslam_gym.vision.calibration import read_calibration  # noqa: E402
-from activeslam_gym.vision.drawing import printed, printed_value  # noqa: E402
+from activeslam_gym.__main__ import parser
+from activeslam_gym.geometry import rotation_matrix
+from activeslam_gym.live import source as live_source
+from activeslam_gym.live.device import Device
+from activeslam_gym.live.run import source_of
+from activeslam_gym.live.source import GuidanceError
+from activeslam_gym.vision.board import BOARD, BoardCalibration, sheet
+from activeslam_gym.vision.calibration import read_calibration
+from activeslam_gym.vision.drawing import printed, printed_value
 
-from . import vision_scene  # noqa: E402
-from .test_vision_sizes import enlarged  # noqa: E402
-from .vision_scene import photographed, pose_at  # noqa: E402
+from . import vision_scene
+from .test_vision_sizes import enlarged
+from .vision_scene import photographed, pose_at
 
 LENS = enlarged(vision_scene.LENS, 2)
 PICTURE = printed(BOARD)
@@ -50,15 +50,14 @@ def test_one_who_follows_the_guidance_calibrates_and_the_lens_is_used_at_once(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(vision_scene, "LENS", LENS)
-    monkeypatch.setattr(Device, "_warm_up", lambda self, make: None)
-    monkeypatch.setattr(device, "start", lambda image, calibration, target, *_, **__: (calibration, target))
+    monkeypatch.setattr(Device, "_warm_up", lambda self: None)
+    monkeypatch.setattr(live_source, "start", lambda image, calibration, target, *_, **__: (calibration, target))
     source, rng, heard, started = (
         Device(None, None, 5.0, tmp_path / "lens.json"),
         np.random.default_rng(2**32),
         [""],
         None,
     )
-    source._warming.join()
     with pytest.raises(GuidanceError, match="Calibration: Hold the board"):
         source.start(np.full((480, 640), 128, np.uint8))
     while started is None and len(heard) < 80:
@@ -94,12 +93,9 @@ def test_the_sheet_is_as_large_as_the_board_and_prints_its_picture() -> None:
 
 
 def test_the_command_takes_a_known_lens_or_calibrates(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(Device, "_warm_up", lambda self, make: None)
+    monkeypatch.setattr(Device, "_warm_up", lambda self: None)
     lens = tmp_path / "lens.json"
     lens.write_text(json.dumps(LENS._asdict()))
     for option, calibrates in (("--calibration", False), ("--calibrate", True)):
-        live = show_of(parser().parse_args(["live", "--source", "browser", option, str(lens)]))
-        assert isinstance(live, Live) and isinstance(live.session.source, Device)
-        assert live.session.source.calibrating == calibrates
-        assert filming_of(live, None) is not None
-        live.close()
+        source = source_of(parser().parse_args(["live", "--source", "browser", option, str(lens)]))
+        assert isinstance(source, Device) and source.calibrating == calibrates

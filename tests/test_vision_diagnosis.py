@@ -7,11 +7,11 @@ import pytest
 
 pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
-from activeslam_gym.vision.diagnosis import Diagnosis, blemish  # noqa: E402
-from activeslam_gym.vision.outcome import FrameLog  # noqa: E402
-from activeslam_gym.vision.track import follow  # noqa: E402
+from activeslam_gym.vision.diagnosis import Diagnosis, blemish
+from activeslam_gym.vision.frontend import FrameLog
+from activeslam_gym.vision.track import follow
 
-from .vision_scene import LENS, image_from, path, photographed, texture  # noqa: E402
+from .vision_scene import LENS, image_from, path, photographed, texture
 
 IMAGE = image_from(path(1)[0], samples=2)
 KNOWN, VAGUE = np.ones(20, bool), np.zeros(20, bool)

@@ -5,12 +5,11 @@ import pytest
 
 pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
-from activeslam_gym.camera import camera_of  # noqa: E402
-from activeslam_gym.config import SCENARIOS, Scenario  # noqa: E402
-from activeslam_gym.slam.association import DETECTION  # noqa: E402
-from activeslam_gym.vision.room.camera import RoomCamera  # noqa: E402
-from activeslam_gym.vision.room.followed import FollowedPoints  # noqa: E402
-from activeslam_gym.vision.views import projected  # noqa: E402
+from activeslam_gym.camera import camera_of
+from activeslam_gym.config import SCENARIOS, Scenario
+from activeslam_gym.slam.association import DETECTION
+from activeslam_gym.vision.room.camera import FollowedPoints, RoomCamera
+from activeslam_gym.vision.views import projected
 
 LENS = camera_of(Scenario())
 START = np.eye(1, 13, 3)[0]  # facing +Z

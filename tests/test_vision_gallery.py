@@ -5,14 +5,14 @@ import pytest
 
 pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
-from activeslam_gym.slam.association import DETECTION, REJECTED  # noqa: E402
-from activeslam_gym.slam.sight import MAP_POINT, Sight  # noqa: E402
-from activeslam_gym.vision.settings import FrontEndSettings  # noqa: E402
-from activeslam_gym.vision.target import target_from  # noqa: E402
-from activeslam_gym.vision.template_map import TemplateMap  # noqa: E402
-from activeslam_gym.vision.track import follow  # noqa: E402
+from activeslam_gym.slam.association import DETECTION, REJECTED
+from activeslam_gym.slam.sight import MAP_POINT, Sight
+from activeslam_gym.vision.settings import FrontEndSettings
+from activeslam_gym.vision.target import target_from
+from activeslam_gym.vision.templates import TemplateMap
+from activeslam_gym.vision.track import follow
 
-from .vision_scene import CAMERA, LENS, image_from, path, pose_at, target_fields  # noqa: E402
+from .vision_scene import CAMERA, LENS, image_from, path, pose_at, target_fields
 
 SETTINGS = FrontEndSettings(trials=10, most_residual=0.3)
 PIXEL, HERE = np.array((160.0, 120.0)), pose_at((0.0, 0.0, 0.7))
@@ -47,16 +47,6 @@ def seen_at(
     found["id"], found["match"], found["pixel"] = id, id if match is None else match, PIXEL + error
     point["id"], point["z_hat"] = id, PIXEL
     gallery.remember_residuals(found, Sight(point, np.zeros((2, 12)), np.eye(2)))
-
-
-def test_places_are_those_of_the_templates_and_are_used_again(gallery, grey) -> None:
-    first = gallery.places([8, 9, 7])
-    assert gallery.features == 2
-    assert first[1] == -1 and gallery.templates.id[first[[0, 2]]].tolist() == [8, 7]
-    gallery.remove(7)
-    assert gallery.places([7]) == -1 and gallery.features == 1
-    gallery.add(9, grey, PIXEL, HERE, np.zeros(3), 1)
-    assert gallery.places([9])[0] == first[2]
 
 
 def test_a_feature_is_proven_after_so_many_matches(gallery) -> None:
@@ -134,34 +124,6 @@ def test_one_alone_that_is_beside_the_estimate_fails_and_not_all_together(grey, 
             seen_at(gallery, id, (error, 0.0))
         gallery.judge([7, 8, 9], np.ones(3, bool), np.ones(3, bool), frame)
     assert gallery.failed() == failed
-
-
-def test_the_longest_unseen_makes_room_unless_all_were_seen_of_late(gallery) -> None:
-    search(gallery, {8}, 3)
-    search(gallery, {7}, 5)
-    both = np.array((7, 8))
-    assert gallery.longest_unseen(both, 4) == 8 and gallery.longest_unseen(both[:1], 6) == 7
-    assert gallery.longest_unseen(both, 3) is None and gallery.longest_unseen(both[:0], 9) is None
-
-
-def test_the_mean_residual_is_of_the_matches_and_zero_for_the_target(gallery) -> None:
-    for id in (7, -1):
-        for _ in range(60):
-            seen_at(gallery, id, (0.2, -0.1))
-    np.testing.assert_allclose(
-        gallery.residuals(gallery.places([8, 7, -1])), [[0.0, 0.0], [0.2, -0.1], [0.0, 0.0]], atol=1e-3
-    )
-
-
-def test_new_looks_keep_the_record(gallery, grey) -> None:
-    """The target is drawn again as it is seen otherwise; a feature that was often matched keeps its record."""
-    search(gallery, {-1}, 5)
-    places, before = gallery.places([-1]), gallery.templates.patch[gallery.places([-1])].copy()
-    there = pose_at((0.1, 0.0, 0.7))
-    gallery.add(-1, grey[::-1].copy(), PIXEL, there, np.zeros(3), 6)
-    assert gallery.places([-1]) == places and gallery._matched[places] > 0.0 and gallery.features == 2
-    assert not np.array_equal(gallery.templates.patch[places], before)
-    np.testing.assert_array_equal(gallery.templates.camera[places[0]], there)
 
 
 def test_a_residual_that_the_linearisation_explains_counts_in_part(gallery) -> None:

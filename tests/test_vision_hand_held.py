@@ -5,15 +5,15 @@ import pytest
 
 pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
-from activeslam_gym.slam.belief import Belief  # noqa: E402
-from activeslam_gym.vision.drawing import as_first_seen  # noqa: E402
-from activeslam_gym.vision.frontend import FrontEnd, FrontEndSettings  # noqa: E402
-from activeslam_gym.vision.target import Board, target_from  # noqa: E402
-from activeslam_gym.vision.track import Track, follow, start  # noqa: E402
-from activeslam_gym.vision.views import projected  # noqa: E402
+from activeslam_gym.slam.belief import Belief
+from activeslam_gym.vision.drawing import as_first_seen
+from activeslam_gym.vision.frontend import FrontEnd, FrontEndSettings
+from activeslam_gym.vision.target import Board, target_from
+from activeslam_gym.vision.track import Track, follow, start
+from activeslam_gym.vision.views import projected
 
-from .test_vision_starts import CHARUCO, board_on_the_plane  # noqa: E402
-from .vision_scene import CAMERA, LENS, TARGET, image_from, path, pose_at, target_fields  # noqa: E402
+from .test_vision_starts import CHARUCO, board_on_the_plane
+from .vision_scene import CAMERA, LENS, TARGET, image_from, path, pose_at, target_fields
 
 NEARER = [pose_at((0.03 * np.sin(0.2 * k), 0.0, 0.8 - 0.009 * k)) for k in range(60)]
 """From 80 to 27 cm."""

@@ -174,15 +174,6 @@ def test_boxes_stop_the_camera_and_motions_keep_off_them() -> None:
     assert world.state.camera[2] <= side[2] - motion.wall_margin + 1e-9
 
 
-def test_policies_and_compare_take_it() -> None:
-    from agents.task import make_environment
-
-    for scenario, id in (("pixels", NAME), ("hand-held-pixels", NAME), ("paper", "ActiveSLAM-v0")):
-        env = make_environment({"scenario": scenario, "duration": 1.0})
-        assert env.spec is not None and env.spec.id == id
-        assert env.unwrapped.scenario.command_known == (scenario != "hand-held-pixels")
-
-
 def test_the_biases_of_the_target_are_learned_until_it_is_seen_otherwise() -> None:
     env = gym.make(NAME, gaze_period=0.05, motion_period=0.05)
     env.reset(seed=4)

@@ -5,19 +5,14 @@ import pytest
 
 pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
-from activeslam_gym.kernels import filled  # noqa: E402
-from activeslam_gym.vision.corners import new_corners  # noqa: E402
-from activeslam_gym.vision.search import FOUND, MISSING, SEARCH, UNSEARCHED, Findings, search  # noqa: E402
-from activeslam_gym.vision.settings import FrontEndSettings  # noqa: E402
-from activeslam_gym.vision.templates import (
-    TEMPLATE_SIDE,
-    empty_templates,
-    predict_appearance,
-    store,
-)  # noqa: E402
-from activeslam_gym.vision.views import projected, view_from  # noqa: E402
+from activeslam_gym.kernels import filled
+from activeslam_gym.vision.corners import new_corners
+from activeslam_gym.vision.search import FOUND, MISSING, SEARCH, UNSEARCHED, Findings, search
+from activeslam_gym.vision.settings import FrontEndSettings
+from activeslam_gym.vision.templates import TEMPLATE_SIDE, empty_templates, predict_appearance, store
+from activeslam_gym.vision.views import projected, view_from
 
-from .vision_scene import CAMERA, image_from, plane_points, pose_at, texture  # noqa: E402
+from .vision_scene import CAMERA, image_from, plane_points, pose_at, texture
 
 FIRST = pose_at((0.02, 0.01, 0.7))
 BEHIND, NOTHING = np.array((0.0, 0.0, -1.0)), np.zeros((0, 2))

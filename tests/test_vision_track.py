@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import chain, islice, repeat
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -17,19 +16,17 @@ from scipy.spatial.transform import Rotation
 
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
-from activeslam_gym.__main__ import main  # noqa: E402
-from activeslam_gym.geometry import rotation_error  # noqa: E402
-from activeslam_gym.vision import track as track_module  # noqa: E402
-from activeslam_gym.vision.calibration import calibration_from, read_calibration  # noqa: E402
-from activeslam_gym.vision.drawing import drawn  # noqa: E402
-from activeslam_gym.vision.first_sight import refine_corners, start_pose  # noqa: E402
-from activeslam_gym.vision.sources import SourceError, open_images  # noqa: E402
-from activeslam_gym.vision.target import read_target, target_from  # noqa: E402
-from activeslam_gym.vision.track import track  # noqa: E402
-from activeslam_gym.vision.track_files import TrackFiles  # noqa: E402
-from activeslam_gym.vision.views import projected  # noqa: E402
+from activeslam_gym.__main__ import main, parser
+from activeslam_gym.geometry import rotation_error
+from activeslam_gym.vision.calibration import calibration_from, read_calibration
+from activeslam_gym.vision.first_sight import refine_corners, start_pose
+from activeslam_gym.vision.sources import SourceError, images_of
+from activeslam_gym.vision.target import read_target, target_from
+from activeslam_gym.vision.track import track
+from activeslam_gym.vision.track_files import TrackFiles
+from activeslam_gym.vision.views import projected
 
-from .vision_scene import CAMERA, LENS, TARGET, image_from, path, pose_at, target_fields  # noqa: E402
+from .vision_scene import CAMERA, LENS, TARGET, image_from, path, pose_at, target_fields
 
 POSES = [pose_at((0.05, 0.03, 0.69)), pose_at((-0.2, 0.1, 0.6), (0.1, -0.25, 0.1)), pose_at((0.1, -0.2, 0.9))]
 
@@ -64,18 +61,6 @@ def test_corners_are_refined_below_the_pixel(pose) -> None:
     assert np.abs(found - truth).max() < 0.15  # the picture has 256 grey levels, and the texture an edge of its own
 
 
-def test_no_target_is_an_error() -> None:
-    with pytest.raises(ValueError, match="target"):
-        refine_corners(np.full((240, 320), 90, np.uint8), CAMERA, corners_from(POSES[0]))
-
-
-def test_the_drawn_target_is_the_pictured_one() -> None:
-    image = image_from(POSES[1], target=True, samples=6)
-    picture, corners = drawn(image, CAMERA, TARGET, POSES[1], TARGET.fiducials)
-    np.testing.assert_allclose(corners, corners_from(POSES[1]), atol=1e-9)
-    assert np.abs(picture - image).mean() < 0.1
-
-
 @pytest.mark.parametrize(
     ("check", "good", "change", "word"),
     [
@@ -97,15 +82,6 @@ def write(path: Path, image: np.ndarray) -> None:
     assert cv2.imwrite(str(path), image)
 
 
-def test_a_folder_and_a_pattern_give_times_and_images(tmp_path) -> None:
-    for k in range(3):
-        write(tmp_path / f"{k}.png", np.full((24, 32), 10 * k, np.uint8))
-    for source in (tmp_path, tmp_path / "*.png"):
-        frames = list(open_images(source, 10.0))
-        assert [time for time, _ in frames] == [0.0, 0.1, 0.2]
-        assert [int(image[0, 0]) for _, image in frames] == [0, 10, 20]
-
-
 @pytest.mark.parametrize(
     ("name", "word"),
     [("none.mp4", "there is no"), ("empty", "no picture"), ("*.bmp", "pattern"), ("film.mp4", "video")],
@@ -116,9 +92,9 @@ def test_an_unreadable_source_is_named(name, word, tmp_path) -> None:
     if name == "film.mp4":
         pytest.importorskip("av", reason="PyAV is not installed")
     with pytest.raises(SourceError, match=word):
-        open_images(tmp_path / name, 30.0)
+        images_of(tmp_path / name, 30.0)
     with pytest.raises(ValueError, match="rate"):
-        open_images(tmp_path, 0.0)
+        images_of(tmp_path, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -131,7 +107,7 @@ def test_an_unreadable_source_is_named(name, word, tmp_path) -> None:
 def test_images_before_a_bad_one_are_handed_out(tmp_path, bad, word) -> None:
     write(tmp_path / "0.png", np.zeros((24, 32), np.uint8))
     write(tmp_path / "1.png", bad)
-    frames = open_images(tmp_path, 30.0)
+    frames = images_of(tmp_path, 30.0).frames
     assert next(frames)[0] == 0.0
     with pytest.raises(SourceError, match=word):
         next(frames)
@@ -141,7 +117,7 @@ def test_images_in_colour_are_read_as_grey(tmp_path) -> None:
     grey = np.arange(24 * 32, dtype=np.uint16).reshape(24, 32).astype(np.uint8)
     write(tmp_path / "0.png", np.dstack([grey] * 3))
     write(tmp_path / "1.png", np.dstack([np.full((24, 32), value, np.uint8) for value in (40, 80, 200)]))
-    (_, same), (_, mixed) = open_images(tmp_path, 30.0)
+    (_, same), (_, mixed) = images_of(tmp_path, 30.0).frames
     np.testing.assert_array_equal(same, grey)
     assert (mixed == round(0.114 * 40 + 0.587 * 80 + 0.299 * 200)).all()
 
@@ -167,9 +143,7 @@ def command(sequence: Path, out: Path, images: Path | None = None, *more: str) -
 
 
 def test_a_rendered_plane_is_tracked_to_millimetres(sequence, tmp_path) -> None:
-    done, _ = track(
-        sequence / "images", sequence / "calibration.json", sequence / "target.json", 30.0, tmp_path / "out"
-    )
+    done, _ = track(parser().parse_args(command(sequence, tmp_path / "out")))
     assert done.trouble is None and len(done.times) == 25
     error = np.linalg.norm(done.cameras[5:, :3] - np.array(path(25))[5:, :3], axis=1)
     assert error.max() < 0.015
@@ -194,47 +168,17 @@ def darkening(sequence, tmp_path_factory) -> Path:
 
 
 def test_a_track_that_is_mostly_lost_says_so_and_withholds_poses(sequence, darkening, tmp_path, capsys) -> None:
-    covariances = tmp_path / "covariances.txt"
-    assert main(command(sequence, tmp_path, darkening, f"--covariance={covariances}")) == 3
+    assert main(command(sequence, tmp_path, darkening)) == 3
     said = capsys.readouterr()
     assert "lost in 8 images, first at 0.20 s" in said.out
     assert "track: lost: 6 of 14 images were tracked; a lost image is dark" in said.err.splitlines()[-1]
     header, *rows = (line.split(",") for line in (tmp_path / "frames.csv").read_text().splitlines())
     assert [row[header.index("lost")] for row in rows] == ["0"] * 5 + ["1"] * 8
-    assert len(np.loadtxt(tmp_path / "trajectory.tum")) == len(np.loadtxt(covariances)) == 6
-    assert main(command(sequence, tmp_path, darkening, f"--covariance={covariances}", "--keep-lost")) == 3
-    assert len(np.loadtxt(tmp_path / "trajectory.tum")) == len(np.loadtxt(covariances)) == 14
-
-
-def test_a_wall_without_corners_is_told(sequence, tmp_path, capsys) -> None:
-    for k in range(3):
-        write(tmp_path / f"{k}.png", np.full((240, 320), 180, np.uint8))
-    line = command(sequence, tmp_path, tmp_path)
-    assert main([word for word in line if "target" not in word]) == 3
-    assert "0 of 3 images were tracked; a lost image has no corners (a blank wall, or blur)" in capsys.readouterr().err
-
-
-def test_covariances_are_those_of_the_track_and_grow_where_it_is_lost(sequence, darkening, tmp_path) -> None:
-    files = darkening, sequence / "calibration.json", sequence / "target.json", 30.0, tmp_path
-    done, _ = track(*files, covariance=tmp_path / "covariances.txt", keep_lost=True)
-    written = np.loadtxt(tmp_path / "covariances.txt")
-    np.testing.assert_allclose(written[:, 0], done.times, atol=1e-6)
-    np.testing.assert_allclose(written[:, 1:].reshape(-1, 6, 6), done.covariances, rtol=1e-5, atol=1e-12)
+    assert len(np.loadtxt(tmp_path / "trajectory.tum")) == 6
+    done, _ = track(parser().parse_args(command(sequence, tmp_path, darkening, "--keep-lost")))
+    assert len(np.loadtxt(tmp_path / "trajectory.tum")) == 14 and done.lost.tolist() == [False] * 6 + [True] * 8
     in_the_dark, before = (np.linalg.det(done.covariances[k, :3, :3]) for k in (13, 5))
     assert in_the_dark > 10.0**3 * before
-    assert done.lost.tolist() == [False] * 6 + [True] * 8
-
-
-def test_the_progress_bar_shows_lost(sequence, darkening, tmp_path, monkeypatch) -> None:
-    class Bar(list):
-        said: ClassVar[list[str]] = []
-
-        def set_postfix_str(self, words: str, refresh: bool) -> None:
-            self.said.append(words)
-
-    monkeypatch.setattr(track_module, "_with_progress", lambda frames, total: Bar(frames))
-    track(darkening, sequence / "calibration.json", sequence / "target.json", 30.0, tmp_path)
-    assert Bar.said == [""] * 6 + ["lost"] * 8
 
 
 @contextmanager

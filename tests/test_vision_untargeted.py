@@ -9,18 +9,18 @@ from scipy.spatial.transform import Rotation
 
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
-from activeslam_gym.__main__ import main  # noqa: E402
-from activeslam_gym.camera import camera_of  # noqa: E402
-from activeslam_gym.config import Scenario  # noqa: E402
-from activeslam_gym.motion import CAMERA_SIZE, QUATERNION  # noqa: E402
-from activeslam_gym.vision.bundle import UNIT, Bundle, Geometry, inverse_depths, tangents  # noqa: E402
-from activeslam_gym.vision.calibration import Calibration  # noqa: E402
-from activeslam_gym.vision.room.camera import RoomCamera  # noqa: E402
-from activeslam_gym.vision.sources import Frame  # noqa: E402
-from activeslam_gym.vision.track import AT_REST, UNCERTAIN, Track, follow, summary  # noqa: E402
-from studies.excerpts import _ROOM as ROOM  # noqa: E402
+from activeslam_gym.__main__ import main
+from activeslam_gym.camera import camera_of
+from activeslam_gym.config import Scenario
+from activeslam_gym.motion import CAMERA_SIZE, QUATERNION
+from activeslam_gym.vision.bundle import UNIT, Bundle, Geometry, inverse_depths, tangents
+from activeslam_gym.vision.calibration import Calibration
+from activeslam_gym.vision.room.camera import RoomCamera
+from activeslam_gym.vision.sources import Frame
+from activeslam_gym.vision.track import AT_REST, UNCERTAIN, Track, follow, summary
+from studies.excerpts import _ROOM as ROOM
 
-from .vision_scene import LENS, image_from, pose_at  # noqa: E402
+from .vision_scene import LENS, image_from, pose_at
 
 SIZE = (640, 480)
 

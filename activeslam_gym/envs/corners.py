@@ -25,7 +25,7 @@ from activeslam_gym.slam.kalman import predict, update_contact, wander
 from activeslam_gym.slam.map import draw_bias, remove_id
 from activeslam_gym.slam.sight import INSIDE, sight_of_belief
 from activeslam_gym.vision.corners import new_corners
-from activeslam_gym.vision.room import patterns
+from activeslam_gym.vision.room import textures
 from activeslam_gym.vision.room.geometry import Scene as Room
 from activeslam_gym.vision.room.scene import draw_scene
 from activeslam_gym.vision.room.shading import SIZE
@@ -330,7 +330,7 @@ def corners_of(room: Room, focal: float) -> tuple[np.ndarray, np.ndarray, np.nda
     They are those of rectangles, but not of walls and of boxes that look like the wall behind them, and of textures. A
     texture is drawn by the level whose texels are one to two pixels large, and has the corners of that level.
     """
-    target, plain = texture_range(patterns.target), texture_range(patterns.plaster)
+    target, plain = texture_range(textures.target), texture_range(textures.plaster)
     ends = np.array(list(itertools.product((1e-6, 1.0 - 1e-6), repeat=2)))
     found: list[tuple[Record, np.ndarray, tuple[float, float]]] = []  # surface, shares of its sides (n, 2), distances
     for k, surface in enumerate(room.surfaces):

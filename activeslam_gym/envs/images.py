@@ -16,8 +16,7 @@ from activeslam_gym.slam.association import REJECTED
 from activeslam_gym.slam.estimate import index_of
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.frontend import FrontEnd
-from activeslam_gym.vision.room.camera import RoomCamera, introduce_target
-from activeslam_gym.vision.room.followed import FollowedPoints
+from activeslam_gym.vision.room.camera import FollowedPoints, RoomCamera, introduce_target
 from activeslam_gym.vision.settings import SIGHTED
 from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.simulator import CLUTTER_LABEL

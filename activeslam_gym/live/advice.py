@@ -1,21 +1,76 @@
 """Where to move: the paper's section V. Seven candidate motions are scored in turn; the best is advised each second.
 
-A policy of an environment can advise instead, a learned one too. What it wants of the gaze is left to the person.
+A room holds N landmarks, as in `ActiveSLAM-v0`. Features stand for some; each of the others holds its prior and makes
+exploration worthwhile, and entropies have a constant dimension.
 """
-
-from collections.abc import Callable
-from dataclasses import replace
-from functools import partial
-from importlib.metadata import entry_points
-from typing import Any, Protocol
 
 import numpy as np
 
 from activeslam_gym.config import Scenario
-from activeslam_gym.information.candidates import motion_plans, score_plans
+from activeslam_gym.information.candidates import PredictedBelief, motion_plans, predicted_belief_of, score_plans
 from activeslam_gym.information.criteria import CRITERIA
-from activeslam_gym.live.expected import ExpectedMap
+from activeslam_gym.information.entropy import gathered, log2_dets
+from activeslam_gym.information.expectation import EXPECTED, WAITING, update_expectation
+from activeslam_gym.information.sensor_limits import SensorLimits
+from activeslam_gym.kernels import record
+from activeslam_gym.linalg import cholesky_in_place
 from activeslam_gym.motion import MOTION_COUNT, Motion, motion_of
+from activeslam_gym.vision.frontend import FrontEnd
+
+_PARTS = ("camera", "pose", "map", "total")
+
+
+def points_anywhere(scenario: Scenario, seed: np.random.SeedSequence) -> np.ndarray:
+    """(N, 3) a point for each landmark of the ``scenario``, uniform in its room [m]."""
+    return (np.random.default_rng(seed).random((scenario.landmark_count, 3)) - 0.5) * np.array(scenario.room_size)
+
+
+class ExpectedMap:
+    """The N landmarks of a ``scenario`` and the features of ``front_end`` that stand for them; drawn from ``seed``."""
+
+    def __init__(self, scenario: Scenario, front_end: FrontEnd, seed: np.random.SeedSequence) -> None:
+        self._front_end, self._filter, self.camera = front_end, front_end.filter, front_end.camera
+        self._limits = SensorLimits(front_end.settings.most_change, front_end.settings.visible)
+        self.landmark_var = np.array(scenario.landmark_prior_variance)
+        """(3,) of a landmark without a feature, each axis [m^2]."""
+        self._expected = np.zeros(scenario.landmark_count, EXPECTED)
+        self._expected["point"] = points_anywhere(scenario, seed)
+
+    def update(self) -> None:
+        """Assign landmarks to features, after a frame."""
+        update_expectation(self._expected, self.landmark_var, self._front_end.estimate())
+
+    def predicted_belief(self) -> PredictedBelief:
+        """The input of a planner."""
+        filter, clearance = self._filter, np.full(MOTION_COUNT, np.inf)
+        first_seen, places = self._front_end.first_seen(filter.ids), (filter.fiducials, filter.boxes)
+        own = self._front_end.estimate(), self._expected, self.landmark_var
+        return predicted_belief_of(*own, *places, clearance, self._limits, first_seen)
+
+    def factored(self) -> tuple[np.ndarray, np.ndarray | None]:
+        """Position k (N,) of each landmark's feature, or -1; and a factor U of the covariance of those and the camera.
+
+        U begins with the features in the landmarks' order. It is None where the covariance is not positive definite.
+        """
+        serials = self._expected["serial"]
+        of_landmark = np.where(serials == WAITING, -1, np.searchsorted(self._filter.ids, serials))
+        U = gathered(self._front_end.estimate().covariance, of_landmark[of_landmark >= 0], of_landmark[:0])
+        return of_landmark, U if cholesky_in_place(U) else None
+
+    def log2_dets(self) -> np.ndarray:
+        """(3,) log2 |P| of camera (12), map (3 N) and total (12 + 3 N): the paper's figure 5 (a).
+
+        It mixes metres, radians and their rates. NaN where the covariance is not positive definite.
+        """
+        of_landmark, U = self.factored()
+        if U is None:
+            return np.full(3, np.nan)
+        out = np.zeros(1, record(**{f"log2_det_{part}": "f8" for part in _PARTS}))[0]
+        counting = of_landmark[of_landmark >= 0]
+        waiting, covariance = len(of_landmark) - len(counting), self._front_end.estimate().covariance
+        log2_dets(self.landmark_var, waiting, covariance, U, counting, len(counting), out)
+        return np.array([out[f"log2_det_{part}"] for part in ("camera", "map", "total")])
+
 
 PERIOD = 1.0
 """Time of a command [s]."""
@@ -23,71 +78,9 @@ CRITERION = "mutual_information_position_map"
 """It leaves out gaze and velocities, which are the person's (section V)."""
 _TIE = 1e-6
 """To stay is advised unless a motion scores higher by more [bit]."""
-PAPER = "paper"
-"""The name of `CandidateScores` among the advisers."""
-POLICIES = "activeslam_gym.policies"
-"""The entry points by which packages offer policies: from a name, what binds that policy to an environment."""
 
 
-class Adviser(Protocol):
-    """Advises a motion once a second."""
-
-    expected: ExpectedMap
-    command: Motion
-    """The present advice."""
-    scores: np.ndarray
-    """(7,) by which it was chosen, NaN where there are none."""
-    advised: np.ndarray
-    """(7,) how often each motion was advised."""
-
-    def consider(self) -> bool:
-        """After an image; True where there is a new command."""
-
-
-MakeAdviser = Callable[[Scenario, ExpectedMap], Adviser]
-
-
-def adviser_named(name: str) -> MakeAdviser:
-    """The adviser of a ``name``: ``paper``, or a policy that an installed package offers.
-
-    Raises:
-        ValueError: there is none of that name; the message lists them.
-    """
-    return CandidateScores if name == PAPER else partial(PolicyAdviser, _policy_named(name))
-
-
-def _policy_named(name: str) -> Callable[[Any], Any]:
-    offers = [one.load()(name) for one in entry_points(group=POLICIES)]
-    if not offers:
-        raise ValueError(f"--adviser must be {PAPER!r}, since no installed package has policies, got {name!r}")
-    return offers[0]
-
-
-class PolicyAdviser:
-    """Asks a policy once a second, as it would be asked in an environment. ``make`` binds it to one."""
-
-    def __init__(self, make: Callable[[Any], Any], scenario: Scenario, expected: ExpectedMap) -> None:
-        self.expected, self._frames = expected, max(2, round(PERIOD / scenario.frame_time))
-        self._run = expected.outside_run(replace(scenario, frame_time=PERIOD / self._frames), PERIOD)
-        self._policy, self._state = make(self._run), None
-        self._phase, self._begin = 0, expected.log2_dets()[-1]
-        self.command, self.scores = Motion.STAY, np.full(MOTION_COUNT, np.nan)
-        self.advised = np.zeros(MOTION_COUNT, int)
-
-    def consider(self) -> bool:
-        """After an image: ask the policy where a second is over; True where there is a new command."""
-        self._phase += 1
-        if self._phase < self._frames:
-            return False
-        self._phase, gain = 0, 0.5 * (self._begin - self.expected.log2_dets()[-1])
-        action, self._state = self._policy.predict(self.expected.observed_by(self._run, gain), self._state)
-        self._run.decided(action)
-        self.command = Motion(int(action[0]))
-        self.advised[self.command] += 1
-        return True
-
-
-class CandidateScores:
+class Adviser:
     """Scores the motions of a camera in the hand, one an image, and advises the best at the end of each second.
 
     The candidates are scored in the last images of the second, so that their scores are fresh; where there are fewer
@@ -113,14 +106,14 @@ class CandidateScores:
         self._phase += 1
         if self._phase < self._frames:
             for motion in np.flatnonzero(self._turn == self._phase).tolist():
-                self._pending[motion] = self.score(motion)
+                self._pending[motion] = self._score(motion)
             return False
         self._phase, self.scores = 0, self._pending.copy()
         self.command = best(self.scores)
         self.advised[self.command] += 1
         return True
 
-    def score(self, motion: int) -> float:
+    def _score(self, motion: int) -> float:
         """Mutual information of ``motion`` [bit]; NaN where the covariance is not positive definite."""
         out, plan, expected = np.empty(1), self._plans[motion : motion + 1], self.expected
         score_plans(expected.camera, self._motion, expected.predicted_belief(), 0.0, plan, self._criterion, out)

@@ -1,45 +1,51 @@
-"""The camera of the device that shows the page, as a source of images."""
+"""The camera of the device that shows the page: a source of images, the script that asks for it, and its socket."""
 
+import asyncio
 import json
-from multiprocessing import get_context
+import math
+import struct
+import time
+from html import escape
 from pathlib import Path
-from queue import Empty
-from threading import Thread
+from queue import Empty, Full, Queue
 from typing import Any
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from activeslam_gym.files import demand_writable, written_whole
-from activeslam_gym.live.advice import CandidateScores, MakeAdviser
-from activeslam_gym.live.expected import ExpectedMap
-from activeslam_gym.live.source import GuidanceError, posed
-from activeslam_gym.vision.board_calibration import BOARD, BoardCalibration
+from activeslam_gym.live.advice import Adviser, ExpectedMap
+from activeslam_gym.live.source import GuidanceError, RealCamera
+from activeslam_gym.vision.board import BOARD, BoardCalibration, sheet
 from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.frontend import FrontEnd
-from activeslam_gym.vision.other_lenses import Straighten, lens_from
+from activeslam_gym.vision.opencv import opencv
+from activeslam_gym.vision.other_lenses import lens_from
 from activeslam_gym.vision.sources import Frame
 from activeslam_gym.vision.target import read_target
 from activeslam_gym.vision.track import start
 
 BROWSER = "browser"
 """The name of this source."""
-_COMPILING = "Getting ready: the first time here it compiles, for a minute or two."
-_ROUGHLY: tuple[Calibration, Straighten] = (Calibration(640, 480, 520.0, 319.5, 239.5, 0.0), lambda frame: frame)
+_ROUGHLY = Calibration(640, 480, 520.0, 319.5, 239.5, 0.0)
 """A lens until the true one is known."""
+_LONGEST = 2**20
+"""Most bytes of an image."""
+_NAP = 0.005
+"""Time between two looks whether the tracker has taken an image [s]."""
 
 
-class Device:
+class Device(RealCamera):
     """A device's camera before a known ``target``, of about ``rate`` images a second [Hz].
 
     Without a ``calibration`` it is calibrated first, by waving the board of `board_calibration`, and the lens is
-    written to ``unknown``, or lens.json. Without a ``target`` that board is it.
+    written to ``unknown``, or lens.json. Without a ``target`` that board is it. ``kept``: the folder of a recording.
 
     Raises:
         ValueError, OSError: a file or the rate is bad.
     """
 
-    person, is_camera, name = None, True, "the device's camera"
+    is_camera, name = True, "the device's camera"
 
     def __init__(
         self,
@@ -47,51 +53,38 @@ class Device:
         target: str | Path | None,
         rate: float,
         unknown: str | Path | None = None,
-        adviser: MakeAdviser = CandidateScores,
         camera: str | None = None,
+        kept: str | None = None,
     ) -> None:
-        self.images: Any = get_context("spawn").Queue(1)
-        """Times [s] and images, of the page's process."""
+        self._images: Queue[Frame] = Queue(1)
+        self._frame: Frame | None = None
+        self._filming: Any = None
+        self._kept = "They are not kept." if kept is None else f"They are kept there, with the trajectory, in {kept}."
         self._board_calibration = BoardCalibration() if calibration is None else None
         self._file = Path(unknown or "lens.json")
         if calibration is None:
             demand_writable(self._file.parent)
-        self._calibration, self._straighten = _ROUGHLY if calibration is None else lens_from(calibration, camera)
-        self._target, self._rate, self._frame = BOARD if target is None else read_target(target), rate, None
-        self._fields, self.scenario = posed(self._calibration, rate)
-        self._warming = Thread(target=self._warm_up, args=(adviser,), daemon=True)
-        self._warming.start()
+        lens = (_ROUGHLY, lambda frame: frame) if calibration is None else lens_from(calibration, camera)
+        super().__init__(*lens, BOARD if target is None else read_target(target), rate)
+        self._warm_up()
 
-    def _warm_up(self, make: MakeAdviser) -> None:
+    def _warm_up(self) -> None:
         """Compile what two seconds of tracking need: with a minute between the first two images the camera is lost."""
         texture = gaussian_filter(np.random.default_rng(0).normal(128.0, 400.0, self._calibration[1::-1]), 3.0)
         image = np.clip(texture, 0.0, 255.0).astype(np.uint8)
         front_end = start(image, self._calibration, None, self._rate, scenario_fields=self._fields)
-        adviser = make(self.scenario, ExpectedMap(self.scenario, front_end, np.random.SeedSequence(0)))
+        adviser = Adviser(self.scenario, ExpectedMap(self.scenario, front_end, np.random.SeedSequence(0)))
         for k in range(1, round(2.0 * self._rate) + 1):
             front_end.step(image, k / self._rate)
             adviser.expected.update()
             adviser.consider()
 
+    # The source -------------------------------------------------------------------------------------------------------
+
     @property
     def calibrating(self) -> bool:
         """Whether the lens is still unknown."""
         return self._board_calibration is not None
-
-    def _calibrate(self, board_calibration: BoardCalibration, image: np.ndarray) -> None:
-        """Take a view; once the lens is known, write it and use it. Raises GuidanceError: it is not known."""
-        words = board_calibration.add(image)
-        if board_calibration.fit is None:
-            raise GuidanceError(f"Calibration: {words}")
-        self._calibration, self._board_calibration = board_calibration.fit.calibration, None
-        self._fields, self.scenario = posed(self._calibration, self._rate)
-        with written_whole(self._file) as unfinished:
-            unfinished.write_text(json.dumps(self._calibration._asdict(), indent=1) + "\n")
-
-    @property
-    def side(self) -> int:
-        """The longest side of its images [px]."""
-        return max(self._calibration[:2])
 
     def restart(self) -> None:
         """Start again; the device goes on."""
@@ -99,7 +92,7 @@ class Device:
     def wait(self, seconds: float) -> bool:
         """Whether an image comes within so many ``seconds``."""
         try:
-            self._frame = self._frame or self.images.get(timeout=seconds)
+            self._frame = self._frame or self._images.get(timeout=seconds)
         except Empty:
             return False
         return True
@@ -115,22 +108,76 @@ class Device:
         assert self._frame
         frame, self._frame = self._frame, None
         try:
-            frame = self._straighten(frame)
-            if not self.calibrating:
-                self._calibration.check_image(frame[1])
+            return frame if self.calibrating else self._mapped(frame)
         except ValueError as error:
             raise GuidanceError(f"Turn the device: {error}.") from None
-        return frame
 
     def start(self, image: np.ndarray) -> FrontEnd:
         """A front end that has seen the first ``image``.
 
         Raises:
-            GuidanceError: it is being calibrated, or kernels are still compiled.
+            GuidanceError: it is being calibrated.
             ValueError: the image does not show the target.
         """
         if self._board_calibration is not None:
-            self._calibrate(self._board_calibration, image)
-        if self._warming.is_alive():
-            raise GuidanceError(_COMPILING)
-        return start(image, self._calibration, self._target, self._rate, scenario_fields=self._fields)
+            words = self._board_calibration.add(image)
+            if self._board_calibration.fit is None:
+                raise GuidanceError(f"Calibration: {words}")
+            self._see_through(self._board_calibration.fit.calibration)
+            self._board_calibration = None
+            with written_whole(self._file) as unfinished:
+                unfinished.write_text(json.dumps(self._calibration._asdict(), indent=1) + "\n")
+        return super().start(image)
+
+    # Its parts of the page --------------------------------------------------------------------------------------------
+
+    @property
+    def head(self) -> bytes:
+        """What the page's head holds for it."""
+        side, board = max(self._calibration[:2]), self.calibrating or ""
+        data = f'data-side="{side}" data-board="{board}" data-kept="{escape(self._kept)}"'
+        return f'<script src="device.js" {data}></script>'.encode()
+
+    @property
+    def files(self) -> dict[str, tuple[str, bytes]]:
+        """Types and contents of the files that the page needs, by their paths."""
+        script = Path(__file__).with_name("device.js").read_bytes()
+        return {"/device.js": ("text/javascript; charset=utf-8", script), "/board.svg": ("image/svg+xml", sheet())}
+
+    async def take(self, connection: Any) -> None:
+        """Take images over the websocket ``connection``, each with its time, until the device leaves, or until another
+        one films; the next one is asked for when there is room."""
+        from websockets.exceptions import ConnectionClosed
+
+        before, self._filming = self._filming, connection
+        if before is not None:
+            await before.close(1000, "Another device films now.")
+        first, last = None, -math.inf
+        try:
+            async for message in connection:
+                seconds, image = _unpacked(message)
+                if image is None:
+                    await connection.close(1003, "What was sent is no image.")
+                    return
+                first = first or time.monotonic() - seconds
+                while seconds > last and self._filming is connection:
+                    try:
+                        self._images.put_nowait((first + seconds, image))
+                        last = seconds
+                    except Full:
+                        await asyncio.sleep(_NAP)
+                await connection.send("next")
+        except ConnectionClosed:
+            pass
+
+
+def _unpacked(message: Any) -> tuple[float, np.ndarray | None]:
+    """The time [s] and the grey image (h, w) uint8 of a ``message``; None where it holds none."""
+    if not isinstance(message, bytes) or not 8 < len(message) <= _LONGEST:
+        return 0.0, None
+    cv2, (seconds,) = opencv(), struct.unpack_from("<d", message)
+    try:
+        image = cv2.imdecode(np.frombuffer(message, np.uint8, offset=8), cv2.IMREAD_GRAYSCALE)
+    except cv2.error:
+        image = None
+    return seconds, image if math.isfinite(seconds) else None

@@ -50,8 +50,6 @@ def command(state: State) -> str:
         words, why = "Please wait", "Advice comes once the target has been seen."
     elif not state.advised.any():
         words, why = NAMES[Motion.STAY], "The first advice comes after a second."
-    elif np.isnan(state.scores).all():
-        why = "The advice of a policy, which gives no reasons."
     elif motion != Motion.STAY:
         why = f"+{state.scores[motion] - state.scores[Motion.STAY]:.1f} bits over holding still"
     return part(

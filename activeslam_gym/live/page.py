@@ -1,35 +1,36 @@
-"""The page, in a process of its own: the map in three dimensions, the camera's view, the command and its reasons.
+"""The page: the map in three dimensions, the camera's view, the command and its reasons.
 
-viser (the extra `live`) serves the same page to every browser, behind a `guard`. It refuses requests for a public
-tunnel, and it writes no file of this machine.
+viser (the extra `live`) serves the same page to every browser that has `access`. It refuses requests for a public
+tunnel, and it writes no file of this machine. A thread draws the newest state, so that tracking never waits for it.
 """
 
 import io
 import logging
-import signal
+import math
 import threading
 import time
-from collections.abc import Callable
+from collections import deque
 from contextlib import redirect_stdout
 from html import escape
 from itertools import combinations, product
-from multiprocessing.connection import Connection
-from ssl import SSLContext
-from typing import Any
+from queue import SimpleQueue
+from typing import Any, Literal
 
 import numpy as np
 
 from activeslam_gym.geometry import quaternion_product, rotation_matrix
 from activeslam_gym.live import drawing
+from activeslam_gym.live.access import Access, check_address
+from activeslam_gym.live.device import Device
 from activeslam_gym.live.drawing import CURVES, NAMES, SIGNS
-from activeslam_gym.live.filming import Filming
-from activeslam_gym.live.guard import Guard, guarding
-from activeslam_gym.live.history import History
-from activeslam_gym.live.state import About, Request, State
+from activeslam_gym.live.session import Source
+from activeslam_gym.live.state import State
 from activeslam_gym.motion import MOTION_AXIS, MOTION_SIGN, Motion
 from activeslam_gym.vision.film import BLUE, ORANGE, SKY, VERMILLION, rgb, view
 from activeslam_gym.vision.track_files import map_table
 
+Request = Literal["pause", "restart", "follow", "save"]
+"""Requests of the page, each with a value: whether to pause, and whether the simulated person follows; else True."""
 _SIGMAS = 2.0
 """Of the ellipsoids in the map."""
 _CAPACITY = 64
@@ -40,6 +41,10 @@ _LONGEST = 0.6
 """Greatest half-length of an ellipsoid [m]; a new feature's depth is hardly known."""
 _OFTEN, _SELDOM = 1.0 / 16.0, 0.5
 """Least time between two pictures, and between two drawings of curves and bars [s]."""
+_MOST = 1200
+"""Moments in the curves."""
+_FIRST = 3
+"""First images, whose corrections of the start are no motion."""
 _PATIENCE = 1.0
 """Time without a state after which the page waits [s]."""
 _AHEAD = np.array([[(0.0, 0.0, 0.0), (0.0, 0.0, 0.3)]])
@@ -52,41 +57,59 @@ _ON_A_PHONE = """<style>@media (max-width: 576px) {
 
 
 class Page:
-    """Serves the page at ``host`` and ``port``, which asks for a camera if there is a ``filming``; a button calls
-    ``request(name, value)``, see `Request`.
+    """Serves the page of a ``source`` at ``host`` and ``port``, which asks for the camera if that is a `Device`.
 
     Raises:
         ModuleNotFoundError: viser is not installed.
-        OSError: the installed viser cannot be guarded.
+        OSError: no page can be served there, or the installed viser cannot be guarded.
     """
 
-    def __init__(
-        self,
-        about: About,
-        host: str,
-        port: int,
-        request: Callable[[Request, Any], None],
-        filming: Filming | None = None,
-    ) -> None:
-        self._about, self._request, self._films = about, request, filming is not None
-        self._paused, self._history = False, History()
-        self._state: State | None = None
+    def __init__(self, source: Source, host: str, port: int) -> None:
+        check_address(host, port)
+        self._source, device = source, source if isinstance(source, Device) else None
+        self._films, self.access = device is not None, Access(host, device)
+        self.requests: SimpleQueue[tuple[Request, Any]] = SimpleQueue()
+        """What the visitors ask for."""
+        self._history = list[tuple[float, ...]]()
+        """Of each image: time, log2 |P| of camera, map and total, landmarks, and the camera's position."""
+        self._paused, self._state, self._latest = False, None, deque[State](maxlen=1)
         self._shown, self._drawn, self._opened = 0.0, 0.0, time.monotonic()
-        guard, tls, self.fingerprint = Guard.of(host), None, ""
-        """Of the page's certificate, if it is encrypted."""
-        if self._films and guard.token:
-            guard, tls, self.fingerprint = guard.encrypted()
-        self._server = _quiet_server(host, port, guard, filming, tls)
-        self.address = guard.address(host, self._server.get_port())
+        self._server = _quiet_server(host, port, self.access)
+        self.address = self.access.address(self._server.get_port())
         """Address of the page, with its token."""
         self._add_guide(self._server.gui)
         self._add_left_panels(self._server.gui)
         self._add_map(self._server.scene)
         self._server.on_client_connect(self._place_viewer)
+        self._new, self._closed = threading.Event(), False
+        self._drawer = threading.Thread(target=self._draw_all, daemon=True)
+        self._drawer.start()
+
+    def show(self, state: State) -> None:
+        """Show a state; returns at once. It replaces a state that is not drawn yet."""
+        self._latest.append(state)
+        self._new.set()
+
+    def notify(self, message: str) -> None:
+        """Show a message to every visitor."""
+        for client in self._server.get_clients().values():
+            client.add_notification("Live", message, auto_close_seconds=6.0)
 
     def close(self) -> None:
         """Stop the server."""
+        self._closed = True
+        self._new.set()
+        self._drawer.join()
         self._server.stop()
+
+    def _draw_all(self) -> None:
+        """In a thread of its own: draw the newest state, until the end."""
+        while not self._closed:
+            if not self._new.wait(_PATIENCE):
+                self._wait()
+            self._new.clear()
+            if self._latest and not self._closed:
+                self.draw(self._latest.popleft())
 
     # Its elements -----------------------------------------------------------------------------------------------------
 
@@ -97,10 +120,11 @@ class Page:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(400)
         gui.add_html(_ON_A_PHONE)
-        self._command = gui.add_html(drawing.part("font-size:20px", f"{escape(self._about.name)} …"))
+        self._command = gui.add_html(drawing.part("font-size:20px", f"{escape(self._source.name)} …"))
         self._standing = gui.add_html("")
-        self.wait()
-        width, height = self._about.image_size
+        self._wait()
+        scenario = self._source.scenario
+        width, height = scenario.image_width, scenario.image_height
         self._view = gui.add_image(np.zeros((height, width, 3), np.uint8))
         gui.add_html(drawing.legend())
         self._why = gui.add_html("")
@@ -120,12 +144,12 @@ class Page:
         controls.dock_below(panel)
 
     def _add_buttons(self, gui: Any) -> None:
-        about, request = self._about, self._request
+        ask = self.requests.put
         self._pause = gui.add_button("Pause", icon="player-pause")
         self._pause.on_click(lambda _: self._set_paused(not self._paused))
-        gui.add_button("Restart", icon="refresh").on_click(lambda _: request("restart", True))
-        self._follow = gui.add_checkbox("Follow the advice", True, visible=about.person)
-        self._follow.on_update(lambda event: event.client and request("follow", bool(self._follow.value)))
+        gui.add_button("Restart", icon="refresh").on_click(lambda _: ask(("restart", True)))
+        self._follow = gui.add_checkbox("Follow the advice", True, visible=self._source.person is not None)
+        self._follow.on_update(lambda event: event.client and ask(("follow", bool(self._follow.value))))
         save = gui.add_button("Save", icon="device-floppy", hint="The map, to this browser and to the recording")
         save.on_click(self._save)
 
@@ -133,23 +157,19 @@ class Page:
         import trimesh
 
         scene.set_up_direction("+y")
-        x, y, z = self._about.room_size
+        x, y, z = room = self._source.scenario.room_size
         scene.add_grid(
             "/floor", width=x, height=z, plane="xz", position=(0, -y / 2, 0), cell_size=0.5, section_size=1.0
         )
         thin, red = {"thickness_units": "screen", "thickness": 1.0}, rgb(VERMILLION)
-        if self._about.person:
-            scene.add_line_segments(
-                "/floor/room", _edges(self._about.room_size) + (0, y / 2, 0), (190, 195, 200), **thin
-            )
+        if self._source.person is not None:
+            scene.add_line_segments("/floor/room", _edges(room) + (0, y / 2, 0), (190, 195, 200), **thin)
         ball, flat = trimesh.creation.icosphere(subdivisions=2), {"cast_shadow": False, "receive_shadow": False}
         self._ellipsoids = scene.add_batched_meshes_simple(
             "/features", ball.vertices, ball.faces, **_ellipsoids(None), opacity=0.55, lod="off", **flat
         )
-        width, height = self._about.image_size
-        fov = 2.0 * np.arctan(0.5 * height / self._about.focal)
         self._frustum = scene.add_camera_frustum(
-            "/camera", fov, width / height, scale=0.16, color=red, thickness=0.006, cast_shadow=False
+            "/camera", *self._lens, scale=0.16, color=red, thickness=0.006, cast_shadow=False
         )
         self._label = scene.add_label("/camera/command", "", position=(0.0, -0.16, 0.1))
         self._place_ball = scene.add_icosphere("/place", color=red, subdivisions=2, opacity=0.35)
@@ -159,12 +179,18 @@ class Page:
 
     # Showing a state --------------------------------------------------------------------------------------------------
 
-    def show(self, state: State) -> None:
-        """Show a state; waits while the last one is younger than the least time between pictures."""
+    @property
+    def _lens(self) -> tuple[float, float]:
+        """Field of view, up and down, and width over height; those of a device change as it is calibrated."""
+        lens = self._source.scenario
+        return 2.0 * math.atan(0.5 * lens.image_height / lens.focal_px), lens.image_width / lens.image_height
+
+    def draw(self, state: State) -> None:
+        """Draw a state; waits while the last one is younger than the least time between pictures."""
         time.sleep(max(0.0, self._shown + _OFTEN - time.monotonic()))
         self._shown = time.monotonic()
         first, self._state = self._state is None, state
-        self._history.add(state)
+        self._remember(state)
         with self._server.atomic():
             self._view.image = picture = view(state.moment)
             self._frustum.image = picture[:: (step := max(1, picture.shape[1] // _FRUSTUM)), ::step]
@@ -178,25 +204,24 @@ class Page:
                 self._show_reasons(state)
         self._server.flush()
 
-    def wait(self) -> None:
+    def _wait(self) -> None:
         """No state has come for a second: before the third one, while kernels are compiled, tell for how long."""
         if self._state is None or (self._state.frame < 3 and not self._paused):
             seconds = time.monotonic() - (self._shown or self._opened)
             self._standing.content = drawing.waiting(seconds, self._films and self._state is None)
 
-    def look_through(self, about: About) -> None:
-        """Draw the camera with another lens."""
-        width, height = about.image_size
-        self._frustum.fov, self._frustum.aspect = 2.0 * np.arctan(0.5 * height / about.focal), width / height
-
-    def notify(self, message: str) -> None:
-        """Show a message to every visitor."""
-        for client in self._server.get_clients().values():
-            client.add_notification("Live", message, auto_close_seconds=6.0)
+    def _remember(self, state: State) -> None:
+        """Add a state to the curves; an earlier one starts new ones."""
+        if self._history and state.time < self._history[-1][0]:
+            self._history.clear()
+        if np.isfinite(state.log2_dets).all():
+            position = state.camera[:3] if state.frame > _FIRST else np.full(3, np.nan)
+            self._history.append((state.time, *state.log2_dets, state.landmarks, *position))
 
     def _show_map(self, state: State) -> None:
         p, q = state.camera[:3], state.camera[3:7]
         self._frustum.position, self._frustum.wxyz = p, quaternion_product(q, _HALF_TURN)
+        self._frustum.fov, self._frustum.aspect = self._lens
         sizes, turns = _axes(state.camera_covariance[None])
         self._place_ball.position, self._place_ball.wxyz, self._place_ball.scale = p, turns[0], tuple(sizes[0])
         for name, values in _ellipsoids(state).items():
@@ -232,22 +257,30 @@ class Page:
         self._command.content, self._why.content = drawing.command(state), drawing.reasons(state)
         self._counts.content = drawing.counts(state)
         self._commands.content = drawing.bars("Advice so far", state.advised, state.command, 0, "times")
-        self._curves.data = t, *curves, _ = self._history.curves
-        if t.size:  # NaN, where there is no dot, would leave uPlot without a range
-            ranges = {"x": (t[0], t[-1] + 0.1), "y": (np.min(curves) - 5.0, np.max(curves) + 5.0)}
-            self._curves.scales = {one: {"time": False, "range": tuple(map(float, ranges[one]))} for one in ranges}
-        way = self._history.way
-        if len(way) > 1:
-            self._way.points, self._way.visible = np.stack((way[:-1], way[1:]), axis=1), True
+        if self._history:
+            self._show_history()
         if state.follows is not None and self._follow.value != state.follows:
             self._follow.value = state.follows
+
+    def _show_history(self) -> None:
+        """Show the entropies, and the way of the camera, by `_MOST` moments at the most."""
+        rows = np.array(self._history[:: len(self._history) // _MOST + 1])
+        t, *curves, landmarks = rows[:, :5].T.copy()
+        new = np.where(np.diff(landmarks, prepend=0.0) > 0.0, curves[-1], np.nan)
+        self._curves.data = t, *curves, new
+        # NaN, where there is no dot, would leave uPlot without a range
+        ranges = {"x": (t[0], t[-1] + 0.1), "y": (np.min(curves) - 5.0, np.max(curves) + 5.0)}
+        self._curves.scales = {one: {"time": False, "range": tuple(map(float, ranges[one]))} for one in ranges}
+        way = rows[np.isfinite(rows[:, 5]), 5:]
+        if len(way) > 1:
+            self._way.points, self._way.visible = np.stack((way[:-1], way[1:]), axis=1), True
 
     # Buttons ----------------------------------------------------------------------------------------------------------
 
     def _set_paused(self, paused: bool) -> None:
         self._paused = paused
         self._pause.label, self._pause.icon = ("Go on", "player-play") if paused else ("Pause", "player-pause")
-        self._request("pause", paused)
+        self.requests.put(("pause", paused))
         if self._state is not None:
             self._standing.content = drawing.standing(self._state, paused)
 
@@ -257,11 +290,11 @@ class Page:
         if state is not None and event.client is not None:
             table = map_table(state.ids, state.points, state.stds)
             event.client.send_file_download("map.csv", table.encode(), save_immediately=True)
-        self._request("save", True)
+        self.requests.put(("save", True))
 
 
-def _quiet_server(host: str, port: int, guard: Guard, filming: Filming | None, tls: SSLContext | None) -> Any:
-    """A server that prints nothing, opens no tunnel, and answers only requests that ``guard`` admits."""
+def _quiet_server(host: str, port: int, access: Access) -> Any:
+    """A server that prints nothing, opens no tunnel, and answers only those who have ``access``."""
     try:
         import viser
     except ModuleNotFoundError:
@@ -274,7 +307,7 @@ def _quiet_server(host: str, port: int, guard: Guard, filming: Filming | None, t
             """Refuse."""
 
     logging.getLogger("websockets").setLevel(logging.CRITICAL)  # of malformed requests
-    with redirect_stdout(io.StringIO()), guarding(guard, filming, tls):
+    with redirect_stdout(io.StringIO()), access.guarding():
         return Private(host, port, verbose=False)
 
 
@@ -313,38 +346,3 @@ def _edges(size: tuple[float, float, float]) -> np.ndarray:
     """The twelve edges (12, 2, 3) of a room about the origin."""
     corners = np.array(list(product((-0.5, 0.5), repeat=3))) * size
     return np.array([pair for pair in combinations(corners, 2) if np.count_nonzero(pair[0] != pair[1]) == 1])
-
-
-def serve(connection: Connection, about: About, host: str, port: int, filming: Filming | None) -> None:
-    """The page's process: sends its address or an error, then shows messages and the newest state until the end."""
-    for name in {"SIGINT", "SIGHUP"} & set(dir(signal)):  # the tracker handles Ctrl-C, and a terminal that is closed
-        signal.signal(getattr(signal, name), signal.SIG_IGN)
-    lock = threading.Lock()
-
-    def request(name: Request, value: Any) -> None:
-        with lock:
-            connection.send((name, value))
-
-    try:
-        page = Page(about, host, port, request, filming)
-    except (ImportError, OSError) as error:
-        connection.send(error)
-        return
-    connection.send((page.address, page.fingerprint))
-    try:
-        while True:
-            state = None
-            while state is None or connection.poll(0):
-                if not connection.poll(_PATIENCE):
-                    page.wait()
-                    continue
-                received = connection.recv()
-                if isinstance(received, State):
-                    state = received
-                elif isinstance(received, About):
-                    page.look_through(received)
-                else:
-                    page.notify(received)
-            page.show(state)
-    except (EOFError, OSError):
-        page.close()

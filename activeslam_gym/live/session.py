@@ -1,20 +1,28 @@
-"""One run of the live system: image by image, from a source to a state estimate and advice."""
+"""The course of the live system: image by image, from a source to a state estimate, advice and a recording.
 
+A recording is written image by image, so that no way of ending loses images. Its folder holds ``images/`` (PNG, by
+number) and ``states.jsonl`` (a state a line). Beside them stand ``frames.csv`` and ``trajectory.tum``, which grow as
+those of `track` do, and ``map.csv``, which is written at the end and on demand.
+"""
+
+import json
 import time
+from contextlib import ExitStack
+from pathlib import Path
 
 import numpy as np
 
-from activeslam_gym.live.advice import Adviser, CandidateScores, MakeAdviser
+from activeslam_gym.files import Lines, demand_writable
+from activeslam_gym.live.advice import Adviser, ExpectedMap
 from activeslam_gym.live.device import Device
-from activeslam_gym.live.expected import ExpectedMap
-from activeslam_gym.live.person import FOLLOW
-from activeslam_gym.live.source import GuidanceError, RecordedImages, RenderedRoom
-from activeslam_gym.live.state import Standing, State
+from activeslam_gym.live.source import FOLLOW, GuidanceError, RecordedImages, RenderedRoom
+from activeslam_gym.live.state import Standing, State, plain
 from activeslam_gym.motion import CAMERA_DIM, CAMERA_SIZE, MOTION_COUNT, Motion
 from activeslam_gym.slam.estimate import Estimate, taken_estimate
-from activeslam_gym.vision.film import point_covariances
-from activeslam_gym.vision.frontend import FrontEnd
-from activeslam_gym.vision.outcome import FrameLog, Searched
+from activeslam_gym.vision.film import film_to, point_covariances
+from activeslam_gym.vision.frontend import NOTHING, FrameLog, FrontEnd
+from activeslam_gym.vision.opencv import opencv
+from activeslam_gym.vision.track_files import TrackFiles
 
 Source = RenderedRoom | RecordedImages | Device
 _FEW = 4
@@ -37,20 +45,30 @@ _NO_IDS, _NO_POINTS = np.zeros(0, int), np.zeros((0, 3))
 _NO_ESTIMATE = Estimate(
     np.eye(1, CAMERA_SIZE, 3)[0], _NO_IDS, _NO_POINTS, np.zeros((CAMERA_DIM, CAMERA_DIM)), _NO_IDS > 0, _NO_IDS > 0
 )
-_NO_SEARCH = Searched(_NO_IDS, _NO_POINTS[:, :2], np.zeros((0, 2, 2)), _NO_IDS)
 
 
 class Session:
     """A run: `step` processes an image, `restart` starts again.
 
+    With a ``folder`` it is recorded there, with ``film`` as a film too; each restart has a folder of its own: 2, 3, ...
+
     Args:
         source: Of the images.
         seed: Of the expected landmarks.
-        adviser: Makes what advises; see `advice.adviser_named`.
+        folder: Of the recording.
+        film: Whether film.mp4 is made too.
+
+    Raises:
+        OSError: the folder cannot be written to, or holds a recording already.
     """
 
-    def __init__(self, source: Source, seed: int = 0, adviser: MakeAdviser = CandidateScores) -> None:
-        self.source, self._seed, self._make_adviser = source, seed, adviser
+    def __init__(self, source: Source, seed: int = 0, folder: str | Path | None = None, film: bool = False) -> None:
+        self.source, self._seed, self._film = source, seed, film
+        self._home = self._folder = None if folder is None else Path(folder)
+        self._recording: Recording | None = None  # made with the first image: a start that fails leaves nothing
+        self._runs = 1
+        if self._folder is not None:
+            check_folder(self._folder)
         self._reset()
 
     def _reset(self) -> None:
@@ -64,16 +82,42 @@ class Session:
         self._mapped: set[int] = set()
 
     def restart(self) -> None:
-        """Start again, with the source."""
+        """Finish the recording, and start again, with the source."""
+        self.close()
         self.source.restart()
         self._reset()
+        if self._home is not None:
+            self._runs += 1
+            self._recording, self._folder = None, self._home / str(self._runs)
+            check_folder(self._folder)
+
+    def save(self) -> str:
+        """Write the map; the answer to the user."""
+        if self._recording is None:
+            return "Your browser has the map. To keep images and trajectory too, start with --record DIR."
+        self._recording.save()
+        return f"Saved in {self._recording.folder}."
+
+    def close(self) -> None:
+        """Finish the recording."""
+        if self._recording is not None:
+            self._recording.close()
 
     def step(self) -> State:
-        """The state after the next image; the last one again, as OVER, where there is none.
+        """The state after the next image, recorded; the last one again, as OVER, where there is none.
 
         Raises:
             ValueError: an image cannot be read, or the first one does not show the target.
         """
+        state, source = self._stepped(), self.source
+        if self._folder is not None and not (isinstance(source, Device) and source.calibrating):
+            if self._recording is None:
+                room = None if source.person is None else source.scenario.room_size
+                self._recording = Recording(self._folder, 1.0 / source.scenario.frame_time, self._film, room)
+            self._recording.add(state, self.log)
+        return state
+
+    def _stepped(self) -> State:
         began = time.thread_time()
         try:
             frame = self.source.next()
@@ -99,7 +143,7 @@ class Session:
         self._zero, self._time = at, 0.0
         seed = np.random.SeedSequence((self._seed, 1))
         self.expected = ExpectedMap(self.source.scenario, self.front_end, seed)
-        self.adviser = self._make_adviser(self.source.scenario, self.expected)
+        self.adviser = Adviser(self.source.scenario, self.expected)
 
     def _track(self, front_end: FrontEnd) -> None:
         assert self.expected and self.adviser
@@ -121,7 +165,7 @@ class Session:
     def _state(self, standing: Standing, began: float, why: ValueError | None = None) -> State:
         log, person, adviser, front_end = self.log, self.source.person, self.adviser, self.front_end
         estimate = taken_estimate(front_end.estimate()) if front_end else _NO_ESTIMATE
-        search = front_end.searched if front_end else _NO_SEARCH
+        search = front_end.searched if front_end else NOTHING
         begun = standing == Standing.TRACKING and log is None
         words = _BEGUN if begun else "{why}" if isinstance(why, GuidanceError) else WORDS[standing]
         matched, searched = (log.matched, log.searched) if log else (0, 0)
@@ -154,3 +198,73 @@ class Session:
             truth=None if person is None else person.state.copy(),
             milliseconds=1e3 * (time.thread_time() - began),
         )
+
+
+STATES = "states.jsonl"
+_FAST = 1
+"""PNG's compression, of 0 … 9."""
+
+
+def check_folder(folder: Path) -> None:
+    """Check that a recording can start in ``folder``, which need not exist.
+
+    Raises:
+        OSError: it holds a recording already, or cannot be written to.
+    """
+    demand_writable(folder)
+    if (folder / STATES).exists():
+        raise OSError(f"{folder} holds a live recording already; choose another folder")
+
+
+class Recording:
+    """Writes a run at a ``rate`` [Hz] into ``folder``, which it makes, and with ``film`` film.mp4, which is there once
+    it is closed; the ``room`` gives the scale of its map.
+
+    Raises:
+        OSError: it cannot be written to, or holds a recording already.
+        ModuleNotFoundError: OpenCV is not installed.
+    """
+
+    def __init__(
+        self, folder: Path, rate: float, film: bool = False, room: tuple[float, float, float] | None = None
+    ) -> None:
+        self.folder = folder
+        self._cv2 = opencv()
+        check_folder(self.folder)
+        (self.folder / "images").mkdir(parents=True, exist_ok=True)
+        self._states, self._track = Lines(self.folder / STATES), TrackFiles(self.folder, metric=True)
+        self._last: State | None = None
+        self._count, self._at_close = 0, ExitStack()
+        to = self.folder / "film.mp4"
+        self._film = self._at_close.enter_context(film_to(to, rate, room)) if film else None
+
+    def add(self, state: State, log: FrameLog | None) -> None:
+        """Write a state, its image, and the ``log`` of the image where there is one.
+
+        Raises:
+            OSError: the disk is full, or gone.
+        """
+        if state.standing == Standing.OVER:
+            return
+        path = self.folder / "images" / f"{self._count:06d}.png"
+        if not self._cv2.imwrite(str(path), state.image, [self._cv2.IMWRITE_PNG_COMPRESSION, _FAST]):
+            raise OSError(f"{path} cannot be written")
+        self._states.write(json.dumps(plain(state)) + "\n")
+        if state.standing != Standing.WAITING:
+            self._track.add(state.time, state.camera, log)
+            self._last = state
+            if self._film is not None:
+                self._film(state.moment)
+        self._count += 1
+
+    def save(self) -> None:
+        """Write the present map."""
+        if self._last is not None:
+            self._track.save(self._last.ids, self._last.points, self._last.stds)
+
+    def close(self) -> None:
+        """Write the map and finish."""
+        self.save()
+        self._states.close()
+        self._track.close()
+        self._at_close.close()

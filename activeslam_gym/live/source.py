@@ -9,20 +9,112 @@ from typing import Any
 import numpy as np
 
 from activeslam_gym.camera import camera_of
-from activeslam_gym.config import SCENARIOS, Scenario
+from activeslam_gym.config import SCENARIOS
+from activeslam_gym.geometry import quaternion_exp, rotation_error
+from activeslam_gym.kernels import Record
 from activeslam_gym.live.advice import PERIOD
-from activeslam_gym.live.person import FOLLOW, Person
-from activeslam_gym.motion import CAMERA_SIZE, motion_of
+from activeslam_gym.motion import (
+    ANGULAR_VELOCITY,
+    CAMERA_SIZE,
+    MOTION_COUNT,
+    POSITION,
+    QUATERNION,
+    VELOCITY,
+    Motion,
+    goal_of,
+    minimum_jerk,
+    motion_of,
+    transition,
+)
 from activeslam_gym.slam.belief import SPARE_FEATURES
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.frontend import FrontEnd
-from activeslam_gym.vision.other_lenses import lens_from
+from activeslam_gym.vision.other_lenses import Straighten, lens_from
 from activeslam_gym.vision.room.camera import RoomCamera, introduce_target
 from activeslam_gym.vision.settings import FEATURES, SIGHTED
 from activeslam_gym.vision.sources import CAMERA, Frame, images_of
-from activeslam_gym.vision.target import read_target
+from activeslam_gym.vision.target import Target, read_target
 from activeslam_gym.vision.track import HAND_HELD, start
+
+FOLLOW, NEVER, STILL = "always", "never", "still"
+"""Habits: to follow the advice; to move at random; to stay, and only look about."""
+HABITS = (FOLLOW, NEVER, STILL)
+_REACTION = 0.2
+"""Time from hearing a command to moving [s]."""
+_STIFFNESS = 6.0
+"""Natural frequency of a hand's control [rad/s]; critically damped."""
+_LOOK, _LOOK_PERIOD = math.radians(30.0), 20.0
+"""Amplitude [rad] and period [s] of the gaze to either side."""
+_SETTLING = 3.0
+"""Time in which a person turns from looking at the target to looking about [s]."""
+_DISTANCE = 0.4
+"""Least distance of a person from boxes [m]."""
+
+
+class Person:
+    """Moves the true camera.
+
+    The hand follows a smooth path of a second to its goal, and holds the camera level, with a tremor:
+    accelerations of ``acceleration_std`` and ``angular_acceleration_std``, drawn in each frame. The goal of a command
+    is in axes of the true camera, clipped into the room and kept away from ``boxes`` (B, 2, 3) [m].
+    """
+
+    def __init__(self, motion: Record, start: np.ndarray, boxes: np.ndarray, habit: str, rng: np.random.Generator):
+        self.state = np.array(start, float)
+        """(13,) the true camera."""
+        self.habit = habit
+        self._motion, self._boxes, self._rng = motion, boxes, rng
+        self._from = self._to = self.state[POSITION].copy()
+        self._time, self._begun = 0.0, -math.inf
+        self._heard: list[tuple[float, Motion]] = []
+
+    def hear(self, command: Motion) -> None:
+        """A new command."""
+        random = Motion(int(self._rng.integers(MOTION_COUNT)))  # always drawn: the tremor does not depend on the habit
+        chosen = {FOLLOW: command, NEVER: random, STILL: Motion.STAY}[self.habit]
+        self._heard.append((self._time + _REACTION, chosen))
+
+    def move(self) -> np.ndarray:
+        """One frame: the true camera (13,) after it."""
+        motion, dt = self._motion, float(self._motion.dt)
+        if self._heard and self._time >= self._heard[0][0] - 1e-9:
+            self._set_out(self._heard.pop(0)[1])
+        noise = self._rng.standard_normal((2, 3))
+        a = self._pull(self.state, dt) + motion.acceleration_std * noise[0]
+        alpha = self._turn(self.state) + motion.angular_acceleration_std * noise[1]
+        self.state = transition(self.state, np.concatenate((a, alpha)), dt)
+        self._time += dt
+        return self.state
+
+    def _set_out(self, command: Motion) -> None:
+        """Begin the path to the goal of ``command``, or as far towards it as is free, in quarters."""
+        self._begun, self._from = self._time, self._to
+        way = goal_of(self._motion, np.concatenate((self._to, self.state[3:])), int(command)) - self._to
+        places = (self._to + share * way for share in (1.0, 0.75, 0.5, 0.25))
+        self._to = next((place for place in places if self._is_free(place)), self._to)
+
+    def _is_free(self, place: np.ndarray) -> bool:
+        gaps = np.maximum(np.maximum(self._boxes[:, 0] - place, place - self._boxes[:, 1]), 0.0)
+        return bool((np.linalg.norm(gaps, axis=1) > _DISTANCE).all())
+
+    def _pull(self, x: np.ndarray, dt: float) -> np.ndarray:
+        """Acceleration (3,) along a minimum-jerk path of a second."""
+        elapsed, period = self._time - self._begun, float(self._motion.period)
+        share, before, after = (minimum_jerk((elapsed + shift) / period) for shift in (0.0, -dt, dt))
+        way = self._to - self._from
+        place, speed = self._from + share * way, (share - before) / dt * way
+        push = (after - 2.0 * share + before) / dt**2 * way
+        return _STIFFNESS**2 * (place - x[POSITION]) + 2.0 * _STIFFNESS * (speed - x[VELOCITY]) + push
+
+    def _turn(self, x: np.ndarray) -> np.ndarray:
+        """Angular acceleration (3,) towards a level camera with the person's gaze."""
+        pulse, ease = 2.0 * math.pi / _LOOK_PERIOD, minimum_jerk(self._time / _SETTLING)
+        yaw = ease * _LOOK * math.sin(pulse * self._time)
+        rate = np.array((0.0, ease * _LOOK * pulse * math.cos(pulse * self._time), 0.0))
+        error = rotation_error(quaternion_exp(np.array((0.0, yaw, 0.0))), x[QUATERNION])
+        return _STIFFNESS**2 * error + 2.0 * _STIFFNESS * (rate - x[ANGULAR_VELOCITY])
+
 
 ROOM = replace(
     SCENARIOS["hand-held"],
@@ -44,20 +136,6 @@ _DESK = (3.0, 2.0, 3.0)
 
 class GuidanceError(ValueError):
     """A sentence for the person who holds the camera; the run goes on."""
-
-
-def posed(calibration: Calibration, rate: float) -> tuple[dict[str, Any], Scenario]:
-    """The fields by which the scenario before a target differs from that of `track`, and that scenario.
-
-    Raises:
-        ValueError: the ``rate`` [Hz] is not positive and finite.
-    """
-    if not 0.0 < rate < math.inf:
-        raise ValueError(f"rate must be a positive number of images a second, got {rate!r}")
-    slow = {"controller_frequency": min(5.8, 0.5 * rate), "rate_loop_time": max(0.1, 1.0 / rate)}
-    size = {"landmark_count": FEATURES - SPARE_FEATURES, "room_size": _DESK}
-    fields: dict[str, Any] = {**size, **slow}  # the slow ones are unused, but checked
-    return fields, calibration.scenario(frame_time=1.0 / rate, **HAND_HELD, **fields)
 
 
 class RenderedRoom:
@@ -94,20 +172,51 @@ class RenderedRoom:
         return front_end
 
 
-class RecordedImages:
-    """A recorded sequence at its own ``rate``, or a live camera, as `images_of` reads it, before a known target."""
+class RealCamera:
+    """A camera before a known ``target``, of about ``rate`` images a second [Hz]; ``straighten`` maps its images to
+    those of the ``calibration``.
+
+    Raises:
+        ValueError: the rate is not positive and finite.
+    """
 
     person = None
+
+    def __init__(self, calibration: Calibration, straighten: Straighten, target: Target, rate: float) -> None:
+        if not 0.0 < rate < math.inf:
+            raise ValueError(f"rate must be a positive number of images a second, got {rate!r}")
+        self._straighten, self._target, self._rate = straighten, target, rate
+        slow = {"controller_frequency": min(5.8, 0.5 * rate), "rate_loop_time": max(0.1, 1.0 / rate)}
+        size = {"landmark_count": FEATURES - SPARE_FEATURES, "room_size": _DESK}
+        self._fields: dict[str, Any] = {**size, **slow}  # the slow ones are unused, but checked
+        self._see_through(calibration)
+
+    def _see_through(self, calibration: Calibration) -> None:
+        """The lens is that of a ``calibration``."""
+        self._calibration = calibration
+        self.scenario = calibration.scenario(frame_time=1.0 / self._rate, **HAND_HELD, **self._fields)
+
+    def _mapped(self, frame: Frame) -> Frame:
+        """The frame as the calibration's lens sees it. Raises ValueError: it is of another size."""
+        frame = self._straighten(frame)
+        self._calibration.check_image(frame[1])
+        return frame
+
+    def start(self, image: np.ndarray) -> FrontEnd:
+        """A front end that has seen the first ``image``. Raises ValueError: it does not show the target."""
+        return start(image, self._calibration, self._target, self._rate, scenario_fields=self._fields)
+
+
+class RecordedImages(RealCamera):
+    """A recorded sequence at its own ``rate``, or a live camera, as `images_of` reads it, before a known target."""
 
     def __init__(
         self, images: str, calibration: str | Path, target: str | Path, rate: float, camera: str | None = None
     ) -> None:
         self.name, self.is_camera = images, images.startswith(CAMERA)
         """A live camera's images come at their own times, and at first may not show the target."""
-        self._calibration, self._straighten = lens_from(calibration, camera)
-        self._target, self._rate = read_target(target), rate
+        super().__init__(*lens_from(calibration, camera), read_target(target), rate)
         self._images = self._opened()
-        self._fields, self.scenario = posed(self._calibration, rate)
 
     def restart(self) -> None:
         """Start again. Raises ValueError: there is no image."""
@@ -120,11 +229,4 @@ class RecordedImages:
     def next(self) -> Frame | None:
         """The next image, or None. Raises ValueError: it cannot be read."""
         frame = next(self._images, None)
-        if frame is not None:
-            frame = self._straighten(frame)
-            self._calibration.check_image(frame[1])
-        return frame
-
-    def start(self, image: np.ndarray) -> FrontEnd:
-        """A front end that has seen the first ``image``. Raises ValueError: it does not show the target."""
-        return start(image, self._calibration, self._target, self._rate, scenario_fields=self._fields)
+        return None if frame is None else self._mapped(frame)

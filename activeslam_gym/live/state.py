@@ -1,20 +1,14 @@
-"""The records of a live run in plain numbers and arrays: facts `About` it, and its `State` after each image.
-
-A page shows both, and a recording keeps the states as JSON.
-"""
+"""The `State` of a live run after each image: a page shows it, and a recording keeps it as JSON."""
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from activeslam_gym.motion import Motion
 from activeslam_gym.vision.film import Moment
-from activeslam_gym.vision.outcome import Searched
-
-Request = Literal["pause", "restart", "follow", "save"]
-"""Requests of a page, each with a value: whether to pause, and whether the simulated person follows; else True."""
+from activeslam_gym.vision.frontend import Searched
 
 
 class Standing(str, Enum):
@@ -25,22 +19,6 @@ class Standing(str, Enum):
     UNSURE = "unsure"
     LOST = "lost"
     OVER = "over"
-
-
-@dataclass(frozen=True)
-class About:
-    """Facts about a run; metres, pixels."""
-
-    name: str
-    """Of the source."""
-    image_size: tuple[int, int]
-    """Width and height."""
-    focal: float
-    rate: float
-    """Image rate of the source [Hz]."""
-    room_size: tuple[float, float, float]
-    person: bool
-    """Whether a simulated person holds the camera, in a room of `room_size` about the origin; else it is a guess."""
 
 
 @dataclass

@@ -1,24 +1,16 @@
 """A live run without a page, evaluated against the ground truth: rendered room, simulated person; for studies."""
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.live.expected import points_anywhere
+from activeslam_gym.live.advice import points_anywhere
 from activeslam_gym.live.session import Session
 from activeslam_gym.live.source import ROOM, RenderedRoom
 from activeslam_gym.live.state import State
-from activeslam_gym.metrics import (
-    LOST_POSITION_ERROR,
-    UNSOUND_LOG_SCORE,
-    LoopClosures,
-    is_lost,
-    log2_density,
-    nees,
-)
-from activeslam_gym.vision.outcome import MATCHED
-from activeslam_gym.vision.room.followed import FollowedPoints
+from activeslam_gym.metrics import LOST_POSITION_ERROR, UNSOUND_LOG_SCORE, LoopClosures, is_lost, log2_density
+from activeslam_gym.vision.frontend import MATCHED
+from activeslam_gym.vision.room.camera import FollowedPoints
 
 
 class Second(NamedTuple):
@@ -32,22 +24,10 @@ class Second(NamedTuple):
     log_score: float
     """log2 N(truth | estimate) of camera and N landmarks, less that of the first image; see `Evaluator`."""
     position_error: float
-    position_nees: float
-    """Per degree of freedom."""
-    landmark_rmse: float
-    """Of mapped features, against the scene points that they follow."""
-    features: int
-    mapped: int
-    initialised: int
-    """Features initialised in the last second."""
     closures: int
     """Loops closed in the last second."""
-    matched: float
-    """Share of the searched features in the last second."""
     lost: bool
     """At this or an earlier command, see `metrics.is_lost`."""
-    milliseconds: float
-    """Mean time of an image in the last second [ms]."""
 
 
 def trial(seed: int, habit: str, seconds: float) -> list[Second]:
@@ -70,13 +50,11 @@ class Evaluator:
     """
 
     def __init__(self, room: RenderedRoom, seed: int) -> None:
-        self._room = room
         self._spare = points_anywhere(room.scenario, np.random.SeedSequence((seed, 2)))
         self._followed = FollowedPoints(room.camera)
         self._loops, self._lost = LoopClosures(), False
         self._first_density: float | None = None
-        self._images: list[tuple[float, ...]] = []
-        """Of this second: initialisations, closures, matches, searches and milliseconds."""
+        self._closures = 0  # in this second
 
     def add(self, session: Session, state: State) -> None:
         """Take in an image."""
@@ -87,39 +65,17 @@ class Evaluator:
         if self._first_density is None:
             self._first_density = self._log2_density()
         matched = state.searched[state.outcomes == MATCHED].tolist()
-        closures = self._loops.count(matched, state.time)
-        self._images.append((state.initialised, closures, len(matched), len(state.searched), state.milliseconds))
+        self._closures += self._loops.count(matched, state.time)
 
     def second(self) -> Second:
         """Measures of the second that ends here."""
         state, density = self._state, self._log2_density()
         assert self._first_density is not None
-        error = state.camera[:3] - self._truth[:3]
-        distance = float(np.linalg.norm(error))
+        distance = float(np.linalg.norm(state.camera[:3] - self._truth[:3]))
         self._lost = self._lost or is_lost(density is not None, distance, LOST_POSITION_ERROR)
-        initialised, closures, matched, searched, milliseconds = np.sum(self._images, axis=0).tolist()
-        count, self._images = len(self._images), []
-        squares = np.sum((state.points - self._points())[state.mapped] ** 2, axis=1)
-        return Second(
-            time=state.time,
-            command=int(state.command),
-            log2_dets=state.log2_dets,
-            log_score=UNSOUND_LOG_SCORE if density is None else density - self._first_density,
-            position_error=distance,
-            position_nees=nees(error, state.camera_covariance) / 3.0,
-            landmark_rmse=math.sqrt(squares.mean()) if len(squares) else math.nan,
-            features=len(state.ids),
-            mapped=int(state.mapped.sum()),
-            initialised=int(initialised),
-            closures=int(closures),
-            matched=matched / searched if searched else math.nan,
-            lost=self._lost,
-            milliseconds=milliseconds / count,
-        )
-
-    def _points(self) -> np.ndarray:
-        """(n, 3) the scene points of the features [m]."""
-        return self._followed.of(self._state.ids)
+        closures, self._closures = self._closures, 0
+        score = UNSOUND_LOG_SCORE if density is None else density - self._first_density
+        return Second(state.time, int(state.command), state.log2_dets, score, distance, closures, self._lost)
 
     def _log2_density(self) -> float | None:
         """log2 N(truth | estimate) [bit], or None where the covariance is not positive definite."""
@@ -127,6 +83,6 @@ class Evaluator:
         if U is None:
             return None
         landmarks, standing = self._spare.copy(), of_landmark >= 0
-        landmarks[standing] = self._points()[of_landmark[standing]]
+        landmarks[standing] = self._followed.of(state.ids)[of_landmark[standing]]
         variances = self._expected.landmark_var
         return float(log2_density(self._truth, landmarks, state.camera, state.points, variances, of_landmark, U))

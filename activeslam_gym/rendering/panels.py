@@ -15,8 +15,7 @@ from matplotlib.colors import to_rgba_array
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from activeslam_gym.rendering import geometry, scene
-from activeslam_gym.rendering.geometry import screen_from_world
+from activeslam_gym.rendering import scene
 from activeslam_gym.rendering.scene import (
     CAMERA,
     ELLIPSOID_SIGMAS,
@@ -32,6 +31,7 @@ from activeslam_gym.rendering.scene import (
     TEXT,
     TRUTH,
     WALL,
+    screen_from_world,
 )
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ class MapPanel:
     def update(self, snapshot: Snapshot) -> None:
         """Moves the artists."""
         self._update_room(np.array(snapshot.room_size, dtype=float))
-        faces, colours = screen_from_world(geometry.box_faces(snapshot.boxes)), [GRID, MUTED, EXPECTED]
+        faces, colours = screen_from_world(scene.box_faces(snapshot.boxes)), [GRID, MUTED, EXPECTED]
         self._boxes.set(verts=list(faces), facecolor=_faded(colours * len(snapshot.boxes), _BOX_ALPHA))
         for artist, points in (
             (self._floor_plan, snapshot.floor_plan),
@@ -93,9 +93,9 @@ class MapPanel:
 
         The room is centred, with one scale on both axes whatever the shape of the panel (a window may be resized).
         """
-        edges = screen_from_world(geometry.room_edges(size))
-        self._planes.set_verts(list(screen_from_world(geometry.room_planes(size))))
-        self._grid.set_segments(screen_from_world(geometry.floor_grid(size)))
+        edges = screen_from_world(scene.room_edges(size))
+        self._planes.set_verts(list(screen_from_world(scene.room_planes(size))))
+        self._grid.set_segments(screen_from_world(scene.floor_grid(size)))
         self._edges.set_segments(edges)
         (x, y, z), off = size / 2, 0.025 * max(size)
         self._floor = -y
@@ -111,11 +111,11 @@ class MapPanel:
     def _update_ellipsoids(self, snapshot: Snapshot) -> None:
         """Outline and three great circles for each landmark and for the camera, far ones first."""
         means, covariances, colours = scene.believed_points(snapshot)
-        order = np.argsort(means @ geometry.TOWARDS_VIEWER)
+        order = np.argsort(means @ scene.TOWARDS_VIEWER)
         means, covariances, colours = means[order], covariances[order], colours[order]
-        covariances = geometry.shortened(covariances, LONGEST / ELLIPSOID_SIGMAS)
-        outlines = geometry.ellipsoid_outlines(means, covariances, ELLIPSOID_SIGMAS)
-        circles = screen_from_world(geometry.great_circles(means, covariances, ELLIPSOID_SIGMAS))
+        covariances = scene.shortened(covariances, LONGEST / ELLIPSOID_SIGMAS)
+        outlines = scene.ellipsoid_outlines(means, covariances, ELLIPSOID_SIGMAS)
+        circles = screen_from_world(scene.great_circles(means, covariances, ELLIPSOID_SIGMAS))
         self._outlines.set(verts=outlines, facecolor=_faded(colours, 0.16), edgecolor=_faded(colours, 0.95))
         self._circles.set(segments=circles, color=_faded(np.repeat(colours, 3), 0.55))
         self._plumbs.set_segments(screen_from_world(np.stack((means, self._on_floor(means)), axis=1)))
@@ -128,7 +128,7 @@ class MapPanel:
             (snapshot.position, snapshot.quaternion, (CAMERA, 0.10, 1.0)),
         ):
             if np.isfinite(position).all() and np.isfinite(quaternion).all():
-                faces += geometry.camera_frustum(snapshot.scenario, snapshot.image_size, position, quaternion, depth)
+                faces += scene.camera_frustum(snapshot.scenario, snapshot.image_size, position, quaternion, depth)
                 styles += [style] * 5
         colours, face_alpha, edge_alpha = zip(*styles)
         verts = [screen_from_world(face) for face in faces]
@@ -163,7 +163,7 @@ class ImagePanel:
         if snapshot.image is not None:
             self._photo.set(data=snapshot.image, extent=(-0.5, width - 0.5, height - 0.5, -0.5))
         self._axes.set(xlim=(0, width), ylim=(height, 0))
-        self._gates.set_verts(geometry.ellipses(*scene.predicted_pixels(snapshot), GATE_SIGMAS))
+        self._gates.set_verts(scene.ellipses(*scene.predicted_pixels(snapshot), GATE_SIGMAS))
         self._detections.set_data(*snapshot.detections.T)
         self._command.set_text(scene.command_text(snapshot.motion.name, snapshot.gaze.name))
         marker, place = {"LEFT": ("<", 0.035), "RIGHT": (">", 0.965)}.get(snapshot.gaze.name, ("", 0.5))

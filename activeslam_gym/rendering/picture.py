@@ -1,8 +1,9 @@
-"""The picture of a snapshot: three panels on one figure, and that figure as an array of pixels."""
+"""The picture of a snapshot: three panels on one figure, as an array of pixels or in a window on the screen."""
 
 from __future__ import annotations
 
 import functools
+import warnings
 from collections.abc import Sequence
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -51,7 +52,7 @@ class Picture:
 
     def __init__(self, figure: Any, small: bool = False):
         self.figure, self._small = figure, small
-        with our_style():
+        with the_matplotlib().style.context(["default", _STYLE]):  # whatever the user's settings are
             from activeslam_gym.rendering.panels import EntropyPanel, ImagePanel, MapPanel, map_legend
 
             figure.set_facecolor("white")
@@ -93,11 +94,6 @@ def the_matplotlib() -> ModuleType:
     return matplotlib
 
 
-def our_style() -> Any:
-    """A context in which new artists have our lettering, whatever the user's settings are, and leave these alone."""
-    return the_matplotlib().style.context(["default", _STYLE])
-
-
 def figure_with(make: Any, size: tuple[int, int]) -> tuple[Any, bool]:
     """A figure of ``size`` (W, H) in pixels from matplotlib's function ``make``, and whether it is a small one."""
     small = size[0] < _SMALL_BELOW
@@ -116,3 +112,64 @@ def _offscreen_picture(width: int, height: int) -> Picture:
     figure, small = figure_with(Figure, (width, height))
     FigureCanvasAgg(figure)
     return Picture(figure, small)
+
+
+class NoScreenWarning(UserWarning):
+    """No window can be opened, and the run goes on without one."""
+
+
+class Window:
+    """A window on the screen. Where there is none, or a user has closed it, the run goes on without."""
+
+    def __init__(self, size: tuple[int, int] = REFERENCE_SIZE):
+        self.size = size
+        self._picture: Picture | None = None
+        self._no_screen = False
+
+    def show(self, snapshot: Snapshot) -> None:
+        """Draws the snapshot now; the first call opens the window, or gives a `NoScreenWarning`.
+
+        Raises gymnasium.error.DependencyNotInstalled where matplotlib is missing.
+        """
+        if self._picture is None and not self._no_screen:
+            if shown := _on_screen(self.size):
+                self._picture = Picture(*shown)
+            else:
+                self._no_screen = True
+                message = "render_mode='human' needs a screen and none was found; render_mode='rgb_array' draws without"
+                warnings.warn(message, NoScreenWarning, stacklevel=2)
+        if self._picture is not None and _pyplot().fignum_exists(self._picture.figure.number):
+            self._picture.update(snapshot)
+            self._picture.figure.canvas.draw()
+            self._picture.figure.canvas.flush_events()
+
+    def close(self) -> None:
+        """Closes the window; harmless where none is open."""
+        if self._picture is not None:
+            _pyplot().close(self._picture.figure)
+        self._picture = None
+
+
+def _pyplot() -> ModuleType:
+    """matplotlib's interface with windows."""
+    the_matplotlib()
+    import matplotlib.pyplot
+
+    return matplotlib.pyplot
+
+
+def _on_screen(size: tuple[int, int]) -> tuple[Any, bool] | None:
+    """A figure in a window of its own, and whether it is small; None where none can be opened."""
+    pyplot = _pyplot()
+    from matplotlib.backend_bases import FigureManagerBase
+
+    try:
+        figure, small = figure_with(pyplot.figure, size)
+    except Exception:  # each GUI toolkit has its own way to say that there is no screen
+        return None
+    if type(figure.canvas.manager) is FigureManagerBase:  # a backend without windows, such as Agg
+        pyplot.close(figure)
+        return None
+    figure.canvas.manager.set_window_title("Active SLAM")
+    figure.show()
+    return figure, small

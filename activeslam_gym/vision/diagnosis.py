@@ -5,7 +5,7 @@ from collections import Counter
 import numpy as np
 
 from activeslam_gym.vision.corners import new_corners
-from activeslam_gym.vision.outcome import FrameLog
+from activeslam_gym.vision.frontend import FrameLog
 from activeslam_gym.vision.settings import FrontEndSettings
 from activeslam_gym.vision.templates import TEMPLATE_HALF, TEMPLATE_SIDE
 

@@ -61,11 +61,6 @@ class _Stored(NamedTuple):
     turns: int = 0  # by so many quarters, to the left
 
 
-def open_images(path: str | Path, rate: float | None = None) -> Iterator[Frame]:
-    """The frames of `images_of`."""
-    return images_of(path, rate).frames
-
-
 def images_of(
     path: str | Path, rate: float | None = None, times: str | Path | None = None, size: tuple[int, int] | None = None
 ) -> Images:

@@ -20,9 +20,8 @@ from activeslam_gym.motion import ANGULAR_VELOCITY, CAMERA_DIM, CAMERA_SIZE, POS
 from activeslam_gym.slam.belief import angles_of
 from activeslam_gym.vision.bundle import UNIT, Bundle, Geometry, inverse_depths, tangents
 from activeslam_gym.vision.calibration import Calibration
-from activeslam_gym.vision.frontend import FrontEnd
+from activeslam_gym.vision.frontend import FrameLog, FrontEnd
 from activeslam_gym.vision.opencv import opencv
-from activeslam_gym.vision.outcome import FrameLog
 from activeslam_gym.vision.sources import Frame
 from activeslam_gym.vision.tracked import FEWEST, MOST_TURNED, SHARED, VELOCITY_IMAGES, Corners
 

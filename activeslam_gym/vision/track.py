@@ -9,6 +9,7 @@ free: lengths are in a unit that only the prior of depth has chosen, and that ma
 """
 
 import signal
+from argparse import Namespace
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, closing
 from functools import partial
@@ -21,7 +22,7 @@ import numpy as np
 
 from activeslam_gym.camera import camera_of
 from activeslam_gym.config import Scenario
-from activeslam_gym.files import Lines, argument, demand_writable
+from activeslam_gym.files import argument, demand_writable
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.belief import SPARE_FEATURES
 from activeslam_gym.slam.filter import Filter
@@ -30,10 +31,9 @@ from activeslam_gym.vision.diagnosis import TURNED, Diagnosis, blemish
 from activeslam_gym.vision.drawing import as_first_seen, drawn
 from activeslam_gym.vision.film import film_to, moment_of
 from activeslam_gym.vision.first_sight import demand_agreement, fiducials_among, seen_corners, start_pose
-from activeslam_gym.vision.frontend import FrontEnd, FrontEndSettings
+from activeslam_gym.vision.frontend import FIRST, FrameLog, FrontEnd, FrontEndSettings
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.other_lenses import lens_from
-from activeslam_gym.vision.outcome import FIRST, FrameLog
 from activeslam_gym.vision.settings import FEATURES, FEWEST, MOST
 from activeslam_gym.vision.sources import Frame, SourceError, images_of
 from activeslam_gym.vision.start import Step, steps_from_anywhere
@@ -228,23 +228,9 @@ def _steps(source: Iterator[Frame], begin: Callable[[np.ndarray], FrontEnd]) -> 
         yield front_end, frame, front_end.step(frame[1], frame[0])
 
 
-def track(
-    images: str | Path,
-    calibration: str | Path,
-    target: str | Path | None,
-    rate: float | None,
-    out: str | Path,
-    film: bool = False,
-    covariance: str | Path | None = None,
-    keep_lost: bool = False,
-    features: int = FEATURES,
-    camera: str | None = None,
-    times: str | Path | None = None,
-    belief: bool = False,
-) -> tuple[Track, str]:
-    """`follow` the images of the source ``images`` and write `TrackFiles` into the folder ``out``, and with ``film``
-    the images with their ellipses beside the map, film.mp4; with ``belief`` belief.square too. Returns the track and
-    advice on what was lost. For ``camera`` see `read_lens`, for ``rate`` and ``times`` `images_of`.
+def track(args: Namespace) -> tuple[Track, str]:
+    """Run the command: `follow` the images ``args.images`` and write `TrackFiles` into the folder ``args.out``, and
+    with ``args.film`` the images with their ellipses beside the map, film.mp4. The track, and advice on what was lost.
 
     Raises:
         OSError: a file is missing or cannot be written.
@@ -252,14 +238,18 @@ def track(
         ModuleNotFoundError: OpenCV is not installed.
     """
     opencv()
-    folder, diagnosis = Path(out), Diagnosis()
+    folder, diagnosis = Path(args.out), Diagnosis()
     with argument("calibration"):
-        lens, straighten = lens_from(calibration, camera)
+        lens, straighten = lens_from(args.calibration, args.camera)
     with argument("target"):
-        known = None if target is None else read_target(target)
+        known = None if args.target is None else read_target(args.target)
     with argument("images", SourceError):
-        source = images_of(images, rate, times, lens[:2])
-    rate, spent = source.rate, dict[float, float]()  # on the mapping to the lens [ms], by time
+        source = images_of(args.images, args.rate, args.times, lens[:2])
+    with argument("out"):
+        demand_writable(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+    files, film, tracked = None, None, 0
+    spent = dict[float, float]()  # on the mapping to the lens [ms], by time
 
     def mapped(frame: Frame) -> Frame:
         began = thread_time()
@@ -267,39 +257,25 @@ def track(
         spent[frame[0]] = 1e3 * (thread_time() - began)
         return frame
 
-    frames = map(mapped, source.frames)
-    with argument("out"):
-        demand_writable(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-    with argument("covariance"):
-        demand_writable(Path(covariance or out).parent)
-    bar = _with_progress(frames, source.total)
+    def keep(front_end: FrontEnd, frame: Frame, log: FrameLog | None) -> None:
+        nonlocal files, film, tracked
+        if files is None:  # the first image shows the target
+            film = at_close.enter_context(film_to(folder / "film.mp4", source.rate)) if args.film else None
+            opened = TrackFiles(folder, known is not None, args.keep_lost, args.belief is not None)
+            files = at_close.enter_context(closing(opened))
+        filter, own = front_end.filter, spent.pop(frame[0], 0.0)
+        dated = log and log._replace(time=source.origin + log.time, milliseconds=log.milliseconds + own)
+        files.add(source.origin + frame[0], filter.mean, dated, filter.camera_covariance[:6, :6])
+        if log is not None and log.lost:
+            diagnosis.add(frame[1], log, filter.estimate().mapped, tracked)
+        tracked += log is None or not log.lost
+        if film is not None and log is not None:
+            film(moment_of(front_end, frame[1]))
+
     with ExitStack() as at_close:
-        files, picture, tracked = None, None, 0
-
-        def keep(front_end: FrontEnd, frame: Frame, log: FrameLog | None) -> None:
-            nonlocal files, picture, tracked
-            if files is None:  # the first image shows the target
-                picture = at_close.enter_context(film_to(folder / "film.mp4", rate)) if film else None
-                with argument("covariance"):
-                    covariances = None if covariance is None else Lines(Path(covariance))
-                files = at_close.enter_context(
-                    closing(TrackFiles(folder, known is not None, covariances, keep_lost, belief))
-                )
-            filter = front_end.filter
-            own = spent.pop(frame[0], 0.0)
-            dated = log and log._replace(time=source.origin + log.time, milliseconds=log.milliseconds + own)
-            files.add(source.origin + frame[0], filter.mean, dated, filter.camera_covariance[:6, :6])
-            if log is not None and log.lost:
-                diagnosis.add(frame[1], log, filter.estimate().mapped, tracked)
-            tracked += log is None or not log.lost
-            if hasattr(bar, "set_postfix_str"):
-                bar.set_postfix_str("lost" if log is not None and log.lost else "", refresh=False)
-            if picture is not None and log is not None:
-                picture(moment_of(front_end, frame[1]))
-
-        whole = at_close.enter_context(closing(interruptible(bar)))
-        done = follow(whole, lens, known, rate, watch=keep, features=features)
+        frames = _with_progress(map(mapped, source.frames), source.total)
+        whole = at_close.enter_context(closing(interruptible(frames)))
+        done = follow(whole, lens, known, source.rate, watch=keep, features=args.features)
         if files is not None:
             points, P = done.filter.points()
             files.save(done.filter.ids, points, np.sqrt(np.diag(P)[CAMERA_DIM:]).reshape(-1, 3))

@@ -1,4 +1,4 @@
-"""The files of a track: poses, images, map, covariances and belief."""
+"""The files of a track: poses, images, map and belief."""
 
 import csv
 from importlib import metadata
@@ -10,15 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from activeslam_gym.files import Lines, written_whole
 from activeslam_gym.geometry import quaternion_product
-from activeslam_gym.vision.outcome import FrameLog
+from activeslam_gym.vision.frontend import FrameLog
 
 FREE = "no target: the scale is free, lengths are in a unit of their own and may drift"
 """The words for a track without a target."""
-COVARIANCE = (
-    "# t [s], then row by row the 6 x 6 covariance of position x y z [m] and of rotation about the world's axes X Y Z "
-    "[rad]: R = Exp(rotation) R_file\n"
-)
-"""The first line of a file of covariances."""
 BELIEF = """\
 #%FORMAT SQUARE/0.3
 #%REPRESENTATION gaussian_se3
@@ -40,31 +35,21 @@ class TrackFiles:
     """trajectory.tum and frames.csv in ``folder``, to which each image adds a line, and map.csv, written when asked.
 
     The poses are in TUM's format; see the module. Where the scale is not ``metric``, the first line says so. Lost
-    images have a line in frames.csv only, unless ``keep_lost``. The file of ``covariances``, and with ``belief``
-    belief.square, get a line for each pose.
+    images have a line in frames.csv only, unless ``keep_lost``. With ``belief`` there is belief.square too, with each
+    pose and its covariance.
 
     Raises:
         OSError: they cannot be written.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        metric: bool,
-        covariances: Lines | None = None,
-        keep_lost: bool = False,
-        belief: bool = False,
-    ) -> None:
+    def __init__(self, folder: Path, metric: bool, keep_lost: bool = False, belief: bool = False) -> None:
         self._map, self._keep_lost = folder / "map.csv", keep_lost
         self._map.unlink(missing_ok=True)  # of a track before
         self._poses, self._frames = Lines(folder / "trajectory.tum"), Lines(folder / "frames.csv")
-        self._covariances = covariances
         self._rows = csv.writer(self._frames)
         self._rows.writerow(FrameLog._fields)
         if not metric:
             self._poses.write(f"# {FREE}\n")
-        if self._covariances is not None:
-            self._covariances.write(COVARIANCE)
         self._belief = Lines(folder / "belief.square") if belief else None
         if self._belief is not None:
             version = next((found.version for found in metadata.distributions(name="activeslam-gym")), "unknown")
@@ -76,8 +61,6 @@ class TrackFiles:
         w, x, y, z = quaternion_product(camera[3:7], _HALF_TURN)
         if log is None or not log.lost or self._keep_lost:
             self._poses.write(f"{time:.6f} {' '.join(f'{number:.7f}' for number in (*camera[:3], x, y, z, w))}\n")
-            if self._covariances is not None and covariance is not None:
-                self._covariances.write(f"{time:.6f} {' '.join(f'{number:.6e}' for number in covariance.ravel())}\n")
             if self._belief is not None and covariance is not None:
                 turn = np.kron(np.eye(2), Rotation.from_quat((x, y, z, w)).as_matrix())  # errors in the camera's axes
                 entries = (turn.T @ covariance @ turn)[np.tril_indices(6)]
@@ -95,7 +78,7 @@ class TrackFiles:
 
     def close(self) -> None:
         """Nothing more is written."""
-        for file in filter(None, (self._poses, self._frames, self._covariances, self._belief)):
+        for file in filter(None, (self._poses, self._frames, self._belief)):
             file.close()
 
 

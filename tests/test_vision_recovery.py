@@ -1,4 +1,4 @@
-"""A lost map is found again; and where the target contradicts a map, which may be inside out, the filter restarts."""
+"""A lost map is found again, a target that contradicts the map restarts the filter, and lost images have a reason."""
 
 from typing import Any
 
@@ -10,6 +10,7 @@ pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 from activeslam_gym.geometry import quaternion_exp, rotate_left, rotation_error, rotation_matrix
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.association import DETECTION, NEW
+from activeslam_gym.vision.diagnosis import Diagnosis, blemish
 from activeslam_gym.vision.first_sight import start_pose
 from activeslam_gym.vision.frontend import FrameLog, FrontEndSettings
 from activeslam_gym.vision.recovery import Restart, locate
@@ -17,7 +18,7 @@ from activeslam_gym.vision.target import target_from
 from activeslam_gym.vision.track import Track, follow, start
 from activeslam_gym.vision.views import changes_of_view, projected
 
-from .vision_scene import CAMERA, LENS, TARGET, image_from, pose_at, target_fields
+from .vision_scene import CAMERA, LENS, TARGET, image_from, path, pose_at, target_fields
 
 SEEN, AWAY = 30, 10
 """Images before the camera is covered, and while it is."""
@@ -176,3 +177,39 @@ def test_the_map_of_a_wrong_pose_goes_and_a_new_one_is_begun(monkeypatch: pytest
     assert not old & set(end.filter.ids.tolist())
     assert np.linalg.norm(end.filter.mean[:3] - pose[:3]) < 0.02
     assert not logs[-1].lost
+
+
+IMAGE = image_from(path(1)[0], samples=2)
+KNOWN, VAGUE = np.ones(20, bool), np.zeros(20, bool)
+
+
+def log(searched: int, found: int, matched: int) -> FrameLog:
+    return FrameLog(1.0, 20, searched, found, matched, found - matched, 0, 0, False, True, False, True, 1.0)
+
+
+def advice(image: np.ndarray, target: bool = True, mapped: np.ndarray = KNOWN, tracked: int = 0, **counts: int) -> str:
+    diagnosis = Diagnosis()
+    diagnosis.add(image, log(**counts), mapped, tracked)
+    return diagnosis.advice(target)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"image": IMAGE // 30, "searched": 20, "found": 0, "matched": 0}, "dark"),
+        ({"image": np.full_like(IMAGE, 180), "searched": 20, "found": 0, "matched": 0}, "no corners"),
+        ({"image": IMAGE, "searched": 20, "found": 18, "matched": 0}, "the calibration is of this lens"),
+        ({"image": IMAGE, "searched": 20, "found": 18, "matched": 0, "tracked": 50}, "too quick a motion"),
+        ({"image": IMAGE, "searched": 0, "found": 0, "matched": 0}, "more images a second"),
+        ({"image": IMAGE, "searched": 20, "found": 1, "matched": 0}, "blur"),
+    ],
+)
+def test_the_reason_is_that_of_the_image_and_its_counts(given: dict[str, Any], said: str) -> None:
+    assert said in advice(**given) and ";" not in advice(**given)
+
+
+def test_a_remedy_is_suggested_where_it_may_help() -> None:
+    counts = {"searched": 20, "found": 1, "matched": 0}
+    assert "a target in the first image may help" in advice(IMAGE, target=False, **counts)
+    assert "turning gives no depth" in advice(IMAGE, mapped=VAGUE, **counts)
+    assert blemish(IMAGE) == ""

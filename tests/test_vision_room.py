@@ -1,6 +1,5 @@
-"""The rendered room: geometry against the camera's equation, pictures against their scenes."""
+"""The rendered room: geometry against the camera's equation, pictures against their scenes, true points of features."""
 
-import itertools
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
@@ -14,10 +13,11 @@ from activeslam_gym.camera import camera_of, ray_from_pixel
 from activeslam_gym.config import CENTRE, CLUSTERS, CORNER, SCENARIOS, WALL, NoRoomError, Scenario
 from activeslam_gym.geometry import quaternion_exp, rotate_left
 from activeslam_gym.kernels import filled
+from activeslam_gym.slam.association import DETECTION
 from activeslam_gym.vision.corners import new_corners
 from activeslam_gym.vision.first_sight import refine_corners
 from activeslam_gym.vision.room import scene as scene_module
-from activeslam_gym.vision.room.camera import RoomCamera, target_seen
+from activeslam_gym.vision.room.camera import FollowedPoints, RoomCamera, target_seen
 from activeslam_gym.vision.room.geometry import Scene, scene_point
 from activeslam_gym.vision.room.lens import TILE, TILE_HEIGHT, TILE_WIDTH, Lens, lens_of
 from activeslam_gym.vision.room.render import Sensor, render, workspace_of
@@ -79,9 +79,9 @@ def height(scene: Scene, point: np.ndarray, surface: int) -> float:
     return float(scene.surfaces[surface]["normal"] @ (point - scene.surfaces[surface]["corner"]))
 
 
-def test_a_feature_is_on_its_wall_and_at_an_edge_where_the_contrast_is() -> None:
+def test_a_feature_is_on_the_ray_of_its_pixel_and_on_its_wall() -> None:
     camera = RoomCamera(SCENARIOS["pixels"], CAMERA, np.random.SeedSequence(3))
-    rng, x, plain, hung, edges = np.random.default_rng(0), state(turn=(0.1, 0.6, 0.0)), 0, 0, 0
+    rng, x, plain, hung = np.random.default_rng(0), state(turn=(0.1, 0.6, 0.0)), 0, 0
     image, rows, columns = camera.photograph(x, 0), *np.mgrid[-7:8, -7:8]
     for pixel in rng.integers((12, 12), (308, 228), (400, 2)).astype(float):
         point, surface = shown(camera.scene, x, pixel)
@@ -97,16 +97,7 @@ def test_a_feature_is_on_its_wall_and_at_an_edge_where_the_contrast_is() -> None
         ):  # or a poster
             np.testing.assert_allclose(followed, point, atol=1e-9)
             plain, hung = plain + 1, hung + (others != surface).any()
-        elif distances.min() < 0.7 * distances.max():
-            for i, j in itertools.product(range(3, 12), repeat=2):  # in a flat picture one dot has all contrast
-                if (others[i - 3 : i + 4, j - 3 : j + 4] == others[i, j]).all():
-                    dot = np.full_like(image, 90)
-                    dot[int(pixel[1]) - 7 + i, int(pixel[0]) - 7 + j] = 160
-                    met = np.linalg.norm(camera.points(x, pixel, dot)[0])
-                    own = distances[(others == others[i, j]).ravel()]
-                    assert own.min() - 1e-9 < met < own.max() + 1e-9
-                    edges += 1
-    assert plain > 150 and hung > 5 and edges > 100, (plain, hung, edges)
+    assert plain > 150 and hung > 5, (plain, hung)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -279,19 +270,6 @@ def test_a_picture_depends_on_its_arguments_alone() -> None:
     assert not np.array_equal(alone[0], photograph(scene, states[0], Sensor(), 0, np.array([12], np.uint64)))
 
 
-def test_noise_has_the_deviation_asked_for_and_is_new_in_every_frame() -> None:
-    x = state()
-    clean = photograph(room(0), x).astype(float)
-    noisy = [photograph(room(0), x, Sensor(0.0, 3.0, 0.0), k) - clean for k in range(2)]
-    grey = (clean > 30) & (clean < 225)
-    for noise in noisy:
-        assert noise[grey].std() == pytest.approx(np.sqrt(9.0 + 1.0 / 6.0), rel=0.02)
-        assert abs(noise[grey].mean()) < 0.05
-        assert abs(np.corrcoef(noise[:, 1:].ravel(), noise[:, :-1].ravel())[0, 1]) < 0.02
-        assert abs(np.corrcoef(noise[1:].ravel(), noise[:-1].ravel())[0, 1]) < 0.02
-    assert abs(np.corrcoef(noisy[0].ravel(), noisy[1].ravel())[0, 1]) < 0.02
-
-
 def test_blur_is_as_long_as_the_picture_moves() -> None:
     x = state((0.2, 0.1, -0.3), (0.1, 0.4, 0.05), (0.7, -0.4, 0.5), (0.3, -0.5, 0.4))
     work, exposure = workspace_of(room(0), lens()), 0.02
@@ -356,3 +334,30 @@ def test_the_target_is_drawn_as_it_is_photographed(place) -> None:
         assert found.peaks.all()
         errors.append(found.pixel[:, 0] - corners)
     assert np.sqrt(np.mean(np.square(errors))) < 0.05 and np.abs(np.mean(errors, axis=0)).max() < 0.04
+
+
+START = np.eye(1, 13, 3)[0]  # facing +Z
+
+
+@pytest.mark.parametrize(("way", "which", "lasting"), [(0.4, 0, 0.0), (0.4, 1, 0.0), (0.02, 0, 0.6), (0.02, 0, -0.6)])
+def test_at_a_crossing_the_true_point_is_that_which_the_pixels_followed(way: float, which: int, lasting: float) -> None:
+    """A camera that moves ``way`` [m] to the right; matches have a noise of 0.2 px and a ``lasting`` error along it."""
+    camera, rng, tried = RoomCamera(SCENARIOS["pixels"], CAMERA, np.random.SeedSequence(3)), np.random.default_rng(0), 0
+    image = camera.photograph(START, 0)
+    for id, pixel in enumerate(rng.integers((20, 20), (300, 220), (300, 2)).astype(float), start=1):
+        points = camera.points(START, pixel, image)
+        distances = np.linalg.norm(points, axis=1)
+        if len(points) != 2 or distances.min() > 0.8 * distances.max():
+            continue
+        truth, found = FollowedPoints(camera), np.zeros(1, DETECTION)
+        found["match"], found["pixel"] = id, pixel
+        truth.look(START, image, found)
+        np.testing.assert_array_equal(truth.of(np.array([id]))[0], points[0], "until there is a match, the likeliest")
+        found["id"] = id
+        for x in -np.linspace(0.0, way, 21)[1:]:
+            moved = START + x * np.eye(1, 13)[0]
+            found["pixel"] = projected(CAMERA, moved, points[which, None])[0] + rng.normal((lasting, 0.0), 0.2)
+            truth.look(moved, image, found)
+        np.testing.assert_array_equal(truth.of(np.array([id]))[0], points[which])
+        tried += 1
+    assert tried > 10

@@ -7,8 +7,6 @@ import pytest
 
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
-from activeslam_gym.camera import camera_of, ray_from_pixel
-from activeslam_gym.config import Scenario
 from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.settings import scale_of
 from activeslam_gym.vision.track import follow, start
@@ -28,15 +26,6 @@ def enlarged(lens: Calibration, n: int) -> Calibration:
 @pytest.mark.parametrize(("focal", "side", "scale"), [(440.0, 320, 1), (880.0, 640, 2), (393.0, 480, 2), (1e9, 640, 2)])
 def test_an_image_of_a_narrow_lens_keeps_room_for_features(focal: float, side: int, scale: int) -> None:
     assert scale_of(focal, side) == scale
-
-
-@pytest.mark.parametrize("n", [2, 4])
-def test_a_reduced_lens_sees_the_same_rays(n: int) -> None:
-    whole = camera_of(Scenario(**enlarged(LENS, n)._asdict()))
-    part = camera_of(Scenario(**enlarged(LENS, n).reduced(n)._asdict()))
-    for pixel in ((0.0, 0.0), (160.0, 200.0), (319.0, 12.0)):
-        z = np.array(pixel)
-        np.testing.assert_allclose(ray_from_pixel(whole, n * (z + 0.5) - 0.5), ray_from_pixel(part, z), rtol=1e-9)
 
 
 def test_a_reduced_image_is_the_mean_of_its_pixels_and_cuts_what_is_left_over() -> None:

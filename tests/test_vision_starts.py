@@ -1,6 +1,5 @@
 """Starts from boards of markers, and without any target."""
 
-import json
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -11,7 +10,6 @@ from scipy.spatial import procrustes
 
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
-from activeslam_gym.__main__ import main
 from activeslam_gym.camera import camera_of
 from activeslam_gym.geometry import quaternion_exp, rotation_error, rotation_matrix
 from activeslam_gym.live.source import ROOM
@@ -190,22 +188,6 @@ def test_a_camera_that_only_turns_in_a_room_stays_where_it_is_and_the_user_is_to
     truth = [rotation_error(state[3:7], states[0, 3:7]) for state in states]
     assert np.abs(np.linalg.norm(turned, axis=1) - np.linalg.norm(truth, axis=1)).max() < np.radians(0.3)
     assert TURNED in summary(done) and AT_REST in summary(done)
-
-
-def test_a_track_without_scale_says_so(free, tmp_path, capsys) -> None:
-    (tmp_path / "images").mkdir()
-    for k, (_, image) in enumerate(free[:20]):
-        cv2.imwrite(str(tmp_path / "images" / f"{k:02}.png"), image)
-    (tmp_path / "lens.json").write_text(json.dumps(LENS._asdict()))
-    given = ["--images", str(tmp_path / "images"), "--calibration", str(tmp_path / "lens.json")]
-    assert main(["track", *given, "--out", str(tmp_path)]) == 0
-    assert "the scale is free" in capsys.readouterr().out
-    lines = (tmp_path / "trajectory.tum").read_text().splitlines()
-    assert lines[0].startswith("# no target: the scale is free")
-    assert np.loadtxt(tmp_path / "trajectory.tum").shape == (20, 8)
-    header, *rows = (line.split(",") for line in (tmp_path / "frames.csv").read_text().splitlines())
-    assert {row[header.index("metric")] for row in rows} == {"0"}
-    assert {row[header.index("start_certain")] for row in rows} == {"1"}
 
 
 @pytest.mark.parametrize(

@@ -134,7 +134,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `reward` | `"entropy"` | the potential: a name in `envs.reward.REWARDS`, or a function |
     | `lost_position_error` | `0.5` | true position error beyond which the episode is lost [m] |
     | `end_when_lost` | `True` | whether a lost episode is terminated |
-    | `render_mode` | `None` | `"rgb_array"` or `"human"`, which warns and goes on where there is no screen |
+    | `render_mode` | `None` | `"rgb_array"` or `"human"`, which needs a screen |
     | `render_size` | `(960, 640)` | width and height of the picture [px] |
     | `scene` | `None` | a scene in place of the scenario's: a name or an object |
     | `sensor` | `None` | the same of the sensor |

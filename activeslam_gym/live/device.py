@@ -20,14 +20,14 @@ from activeslam_gym.vision.board import BOARD, BoardCalibration, sheet
 from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.frontend import FrontEnd
 from activeslam_gym.vision.opencv import opencv
-from activeslam_gym.vision.other_lenses import lens_from
+from activeslam_gym.vision.other_lenses import Straighten, lens_from
 from activeslam_gym.vision.sources import Frame
 from activeslam_gym.vision.target import read_target
 from activeslam_gym.vision.track import start
 
 BROWSER = "browser"
 """The name of this source."""
-_ROUGHLY = Calibration(640, 480, 520.0, 319.5, 239.5, 0.0)
+_ROUGHLY: tuple[Calibration, Straighten] = (Calibration(640, 480, 520.0, 319.5, 239.5, 0.0), lambda frame: frame)
 """A lens until the true one is known."""
 _LONGEST = 2**20
 """Most bytes of an image."""
@@ -64,8 +64,8 @@ class Device(RealCamera):
         self._file = Path(unknown or "lens.json")
         if calibration is None:
             demand_writable(self._file.parent)
-        lens = (_ROUGHLY, lambda frame: frame) if calibration is None else lens_from(calibration, camera)
-        super().__init__(*lens, BOARD if target is None else read_target(target), rate)
+        lens, straighten = _ROUGHLY if calibration is None else lens_from(calibration, camera)
+        super().__init__(lens, straighten, BOARD if target is None else read_target(target), rate)
         self._warm_up()
 
     def _warm_up(self) -> None:

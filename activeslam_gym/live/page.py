@@ -72,7 +72,8 @@ class Page:
         """What the visitors ask for."""
         self._history = list[tuple[float, ...]]()
         """Of each image: time, log2 |P| of camera, map and total, landmarks, and the camera's position."""
-        self._paused, self._state, self._latest = False, None, deque[State](maxlen=1)
+        self._paused, self._latest = False, deque[State](maxlen=1)
+        self._state: State | None = None
         self._shown, self._drawn, self._opened = 0.0, 0.0, time.monotonic()
         self._server = _quiet_server(host, port, self.access)
         self.address = self.access.address(self._server.get_port())

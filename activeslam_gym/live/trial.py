@@ -8,8 +8,7 @@ from activeslam_gym.live.advice import points_anywhere
 from activeslam_gym.live.session import Session
 from activeslam_gym.live.source import ROOM, RenderedRoom
 from activeslam_gym.live.state import State
-from activeslam_gym.metrics import LOST_POSITION_ERROR, UNSOUND_LOG_SCORE, LoopClosures, is_lost, log2_density
-from activeslam_gym.vision.frontend import MATCHED
+from activeslam_gym.metrics import LOST_POSITION_ERROR, UNSOUND_LOG_SCORE, is_lost, log2_density
 from activeslam_gym.vision.room.camera import FollowedPoints
 
 
@@ -17,21 +16,17 @@ class Second(NamedTuple):
     """Measures at a command, once a second; metres, seconds, bits, and NaN where there is nothing to measure."""
 
     time: float
-    command: int
-    """The new `Motion`."""
-    log2_dets: np.ndarray
-    """(3,) log2 |P| of camera, map and total."""
+    log2_det_total: float
+    """log2 |P| of camera and map."""
     log_score: float
     """log2 N(truth | estimate) of camera and N landmarks, less that of the first image; see `Evaluator`."""
     position_error: float
-    closures: int
-    """Loops closed in the last second."""
     lost: bool
     """At this or an earlier command, see `metrics.is_lost`."""
 
 
 def trial(seed: int, habit: str, seconds: float) -> list[Second]:
-    """The run of a person with a ``habit`` (`person.HABITS`) in the rendered room of ``seed``, second by second."""
+    """The run of a person with a ``habit`` (`source.HABITS`) in the rendered room of ``seed``, second by second."""
     room = RenderedRoom(seed, habit)
     session, evaluator = Session(room, seed), Evaluator(room, seed)
     out, period = [], max(2, round(1.0 / ROOM.frame_time))
@@ -52,9 +47,8 @@ class Evaluator:
     def __init__(self, room: RenderedRoom, seed: int) -> None:
         self._spare = points_anywhere(room.scenario, np.random.SeedSequence((seed, 2)))
         self._followed = FollowedPoints(room.camera)
-        self._loops, self._lost = LoopClosures(), False
+        self._lost = False
         self._first_density: float | None = None
-        self._closures = 0  # in this second
 
     def add(self, session: Session, state: State) -> None:
         """Take in an image."""
@@ -64,8 +58,6 @@ class Evaluator:
             self._followed.look(self._truth, state.image, session.front_end.candidates)
         if self._first_density is None:
             self._first_density = self._log2_density()
-        matched = state.searched[state.outcomes == MATCHED].tolist()
-        self._closures += self._loops.count(matched, state.time)
 
     def second(self) -> Second:
         """Measures of the second that ends here."""
@@ -73,9 +65,8 @@ class Evaluator:
         assert self._first_density is not None
         distance = float(np.linalg.norm(state.camera[:3] - self._truth[:3]))
         self._lost = self._lost or is_lost(density is not None, distance, LOST_POSITION_ERROR)
-        closures, self._closures = self._closures, 0
         score = UNSOUND_LOG_SCORE if density is None else density - self._first_density
-        return Second(state.time, int(state.command), state.log2_dets, score, distance, closures, self._lost)
+        return Second(state.time, float(state.log2_dets[2]), score, distance, self._lost)
 
     def _log2_density(self) -> float | None:
         """log2 N(truth | estimate) [bit], or None where the covariance is not positive definite."""

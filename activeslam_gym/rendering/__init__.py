@@ -5,6 +5,6 @@
 ``plot``) is imported when something is drawn, and nowhere else in this library.
 """
 
-from activeslam_gym.rendering.picture import REFERENCE_SIZE, NoScreenWarning, Window, draw
+from activeslam_gym.rendering.picture import REFERENCE_SIZE, NoScreen, Window, draw
 
-__all__ = ["REFERENCE_SIZE", "NoScreenWarning", "Window", "draw"]
+__all__ = ["REFERENCE_SIZE", "NoScreen", "Window", "draw"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import warnings
 from collections.abc import Sequence
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -21,6 +20,7 @@ REFERENCE_SIZE = (960, 640)  # pixels at which the lettering has its nominal siz
 _SMALL_SIZE = (480, 320)  # the same for a small picture, which has fewer words, and larger ones
 _SMALL_BELOW = 720  # a picture of fewer pixels in width is small
 
+_NO_SCREEN = "render_mode='human' needs a screen, and none was found; render_mode='rgb_array' draws without one"
 _TICKS = {"color": MUTED, "labelsize": 7.0, "major.width": 0.7, "major.size": 3.0}
 _STYLE = {
     "font.family": "sans-serif",
@@ -114,31 +114,24 @@ def _offscreen_picture(width: int, height: int) -> Picture:
     return Picture(figure, small)
 
 
-class NoScreenWarning(UserWarning):
-    """No window can be opened, and the run goes on without one."""
+class NoScreen(gymnasium.error.Error):
+    """No window can be opened."""
 
 
 class Window:
-    """A window on the screen. Where there is none, or a user has closed it, the run goes on without."""
+    """A window on the screen. Where a user has closed it, the run goes on without."""
 
     def __init__(self, size: tuple[int, int] = REFERENCE_SIZE):
         self.size = size
         self._picture: Picture | None = None
-        self._no_screen = False
 
     def show(self, snapshot: Snapshot) -> None:
-        """Draws the snapshot now; the first call opens the window, or gives a `NoScreenWarning`.
+        """Draws the snapshot now; the first call opens the window.
 
-        Raises gymnasium.error.DependencyNotInstalled where matplotlib is missing.
+        Raises NoScreen where there is none, and gymnasium.error.DependencyNotInstalled where matplotlib is missing.
         """
-        if self._picture is None and not self._no_screen:
-            if shown := _on_screen(self.size):
-                self._picture = Picture(*shown)
-            else:
-                self._no_screen = True
-                message = "render_mode='human' needs a screen and none was found; render_mode='rgb_array' draws without"
-                warnings.warn(message, NoScreenWarning, stacklevel=2)
-        if self._picture is not None and _pyplot().fignum_exists(self._picture.figure.number):
+        self._picture = self._picture or Picture(*_on_screen(self.size))
+        if _pyplot().fignum_exists(self._picture.figure.number):
             self._picture.update(snapshot)
             self._picture.figure.canvas.draw()
             self._picture.figure.canvas.flush_events()
@@ -158,18 +151,18 @@ def _pyplot() -> ModuleType:
     return matplotlib.pyplot
 
 
-def _on_screen(size: tuple[int, int]) -> tuple[Any, bool] | None:
-    """A figure in a window of its own, and whether it is small; None where none can be opened."""
+def _on_screen(size: tuple[int, int]) -> tuple[Any, bool]:
+    """A figure in a window of its own, and whether it is small. Raises NoScreen: none can be opened."""
     pyplot = _pyplot()
     from matplotlib.backend_bases import FigureManagerBase
 
     try:
         figure, small = figure_with(pyplot.figure, size)
-    except Exception:  # each GUI toolkit has its own way to say that there is no screen
-        return None
+    except Exception as error:  # each GUI toolkit has its own way to say that there is no screen
+        raise NoScreen(_NO_SCREEN) from error
     if type(figure.canvas.manager) is FigureManagerBase:  # a backend without windows, such as Agg
         pyplot.close(figure)
-        return None
+        raise NoScreen(_NO_SCREEN)
     figure.canvas.manager.set_window_title("Active SLAM")
     figure.show()
     return figure, small

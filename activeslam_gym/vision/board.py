@@ -233,7 +233,7 @@ def calibrate(images: str | Path, kind: str, columns: int, rows: int, out: str |
                 views.append(view)
                 numbers.append(number)
     if len(views) < LEAST_PICTURES:
-        counted = "squares" if kind == CHARUCO else "inner corners, one fewer than squares"
+        counted = "squares" if kind == CHARUCO else "inner corners (one fewer than squares)"
         what = f"a board of {columns} x {rows} {counted}"
         raise ValueError(f"{what} was found in {len(views)} pictures; {LEAST_PICTURES} or more are needed")
     fit = fit_lens(views, shape[1], shape[0], model)

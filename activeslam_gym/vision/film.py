@@ -19,8 +19,6 @@ BLUE, SKY, ORANGE, VERMILLION, GREEN, GREY = "#0072B2", "#56B4E9", "#E69F00", "#
 PURPLE, YELLOW = "#CC79A7", "#F0E442"
 OUTCOMES = {MATCHED: (GREEN, "found"), MISSED: (PURPLE, "missed"), DOUBTED: (YELLOW, "rejected")}
 """Colour and word for each outcome of a search; none is the target's or the camera's."""
-CODES = {".mp4": "mp4v", ".avi": "MJPG"}
-"""Suffixes of a video and their codecs."""
 _WIDTH = 640
 """Least width of the view [px]."""
 _SIGMAS_SEEN, _SIGMAS = 3.0, 2.0
@@ -54,41 +52,29 @@ def point_covariances(P: np.ndarray) -> np.ndarray:
 
 
 @contextmanager
-def film_to(path: Path, rate: float, room: tuple[float, float, float] | None = None) -> Iterator[Callable]:
-    """A function that adds a `Moment` to the `video_to` ``path``: the `view` beside the map `from_above`."""
-    way = list[np.ndarray]()
-    with video_to(path, rate) as add_picture:
-
-        def add(moment: Moment) -> None:
-            way.append(moment.camera[:7])
-            picture = view(moment)
-            add_picture(np.hstack((picture, from_above(moment, way, picture.shape, room))))
-
-        yield add
-
-
-@contextmanager
-def video_to(path: Path, rate: float) -> Iterator[Callable[[np.ndarray], None]]:
-    """A function that adds a picture (H, W, 3) uint8 to the video ``path`` (.mp4 or .avi), of ``rate`` [Hz]: a context,
-    at whose end the file is there, whole or not at all.
+def film_to(
+    path: Path, rate: float, room: tuple[float, float, float] | None = None
+) -> Iterator[Callable[[Moment], None]]:
+    """A function that adds a `Moment` to the film ``path`` (.mp4), of ``rate`` [Hz], the `view` beside the map
+    `from_above`: a context, at whose end the file is there, whole or not at all.
 
     Raises:
-        ValueError, ModuleNotFoundError: as `check_video`.
-        OSError: at the end, the video cannot be read again: the disk is full.
+        ModuleNotFoundError: OpenCV is not installed.
+        OSError: at the end, the film cannot be read again: the disk is full.
     """
-    check_video(path)
-    cv2, pictures = opencv(), 0
-    writer, unfinished = None, path
+    cv2, way, writer, unfinished = opencv(), list[np.ndarray](), None, path
     with ExitStack() as at_close:
 
-        def add(picture: np.ndarray) -> None:
-            nonlocal writer, unfinished, pictures
+        def add(moment: Moment) -> None:
+            nonlocal writer, unfinished
+            way.append(moment.camera[:7])
+            picture = view(moment)
+            picture = np.hstack((picture, from_above(moment, way, picture.shape, room)))
             if writer is None:
                 unfinished = at_close.enter_context(written_whole(path))
-                code = cv2.VideoWriter_fourcc(*CODES[path.suffix])
+                code = cv2.VideoWriter_fourcc(*"mp4v")
                 writer = cv2.VideoWriter(str(unfinished), code, float(rate), picture.shape[1::-1])
             writer.write(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
-            pictures += 1
 
         try:
             yield add
@@ -96,20 +82,8 @@ def video_to(path: Path, rate: float) -> Iterator[Callable[[np.ndarray], None]]:
             if writer is not None:
                 writer.release()
         # OpenCV does not tell that it could not write a picture
-        if pictures and cv2.VideoCapture(str(unfinished)).get(cv2.CAP_PROP_FRAME_COUNT) < pictures:
+        if way and cv2.VideoCapture(str(unfinished)).get(cv2.CAP_PROP_FRAME_COUNT) < len(way):
             raise OSError(f"{path} cannot be written as a video (is the disk full?)")
-
-
-def check_video(path: Path) -> None:
-    """Check that a video ``path`` can be made.
-
-    Raises:
-        ValueError: it ends neither in .mp4 nor in .avi.
-        ModuleNotFoundError: OpenCV is not installed.
-    """
-    if path.suffix not in CODES:
-        raise ValueError(f"a film is .mp4 or .avi, got {path}")
-    opencv()
 
 
 def view(moment: Moment) -> np.ndarray:

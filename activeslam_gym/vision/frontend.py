@@ -188,15 +188,8 @@ class FrontEnd:
         initialised, deletions = self._learn(image, grey) if clear else (0, 0)
         again, metric = before is not None and self._blind == 0, len(self.filter.fiducials) > 0
         missed = not self._suffices(matched)
-        counts = (
-            self._template_map.features,
-            searched,
-            found,
-            matched,
-            found - matched,
-            initialised,
-            deletions + dropped,
-        )
+        features, dropped = self._template_map.features, deletions + dropped
+        counts = features, searched, found, matched, found - matched, initialised, dropped
         return FrameLog(time_s, *counts, clear, missed, again, metric, 1e3 * (time.thread_time() - began))
 
     def _reduced(self, image: np.ndarray) -> np.ndarray:

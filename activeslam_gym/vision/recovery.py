@@ -1,4 +1,4 @@
-"""The camera's pose anew: by the looks of the map, after it was lost, or by a target that contradicts the belief.
+"""A new pose of the camera: by the looks of the map, after it was lost, or by a target that contradicts the belief.
 
 **Relocalisation.** Templates are searched at the corners of the image, as they looked when the map was seen last. Most
 of what is found are outliers; a pose that explains many at once (Fischler and Bolles 1981) is the camera's. It becomes

@@ -30,11 +30,7 @@ CAMERA = "camera:"
 USUAL_RATE = 30.0
 """Images a second [Hz] where nothing tells."""
 _TURNS = {6: -1, 8: 1}  # quarter turns to the left of EXIF's Orientation
-_CLOCK, _NEVER, _NANOSECONDS = (
-    1e8,
-    1e11,
-    1e17,
-)  # a name over the first is a time [s]; none is over the second, but in ns
+_CLOCK, _NEVER, _NANOSECONDS = 1e8, 1e11, 1e17  # a name over the first is a time [s]; over the last it is in ns
 _RATES = 0.05, 1e4  # fewest and most images a second that times can tell [Hz]
 
 

@@ -77,5 +77,5 @@ def visitor(address: str, **how: Any) -> Any:
     import viser
     from websockets.sync.client import connect
 
-    url = address.replace("http", "ws").replace("localhost", "127.0.0.1")
+    url = address.replace("http", "ws").replace("localhost", "127.0.0.1").removesuffix("/")
     return connect(url, subprotocols=[f"viser-v{viser.__version__}"], max_size=None, compression=None, **how)

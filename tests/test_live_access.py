@@ -41,7 +41,8 @@ def test_without_the_token_a_page_is_neither_read_nor_steered() -> None:
         assert got(page.address)[0] == 200 and len(token) >= 22 and not page.access.encrypted
         with visitor(page.address) as client:
             assert client.recv(timeout=30.0)
-        for path in ("", token, f"x{token}/", f"{token[:-1]}/", f"/{token}/", f"?{token}/", f"{token.swapcase()}/"):
+        assert got(page.address[:-1])[0] == 403, "its parts would be sought beside it"
+        for path in ("", f"{token}x", f"x{token}/", f"{token[:-1]}/", f"/{token}/", f"?{token}/", token.swapcase()):
             assert got(f"{scheme}//{place}/{path}")[0] == 403, path
             with pytest.raises(InvalidStatus, match="403"):
                 visitor(f"{scheme}//{place}/{path}")

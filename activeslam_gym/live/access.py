@@ -28,7 +28,7 @@ class Access:
     """
 
     def __init__(self, host: str, device: Device | None = None) -> None:
-        self._host, self._device, self._prefix = host, device, f"/{secrets.token_urlsafe(16)}/"
+        self._host, self._device, self._prefix = host, device, f"/{secrets.token_urlsafe(16)}"
         self._tls = None if host in _LOOPBACK else _certificate()
 
     @property
@@ -40,7 +40,7 @@ class Access:
         """The address of the page, with its token."""
         name = {**dict.fromkeys(_EVERY, socket.gethostname()), "127.0.0.1": "localhost"}.get(self._host, self._host)
         scheme = "https" if self.encrypted else "http"
-        return f"{scheme}://{f'[{name}]' if ':' in name else name}:{port}{self._prefix}"
+        return f"{scheme}://{f'[{name}]' if ':' in name else name}:{port}{self._prefix}/"
 
     @contextmanager
     def guarding(self) -> Iterator[None]:
@@ -57,7 +57,7 @@ class Access:
 
         def serve(handler: Any, *args: Any, process_request: Any = None, **options: Any) -> Any:
             guarded.append(True)
-            films = f"{self._prefix}device"
+            films = f"{self._prefix}/device"
 
             async def of_path(connection: Any) -> None:
                 device = self._device if connection.request.path == films else None
@@ -80,10 +80,12 @@ class Access:
         files = self._device.files if self._device else {}
 
         def first(connection: Any, request: Any) -> Any:
-            token, path = request.path[: len(self._prefix)], "/" + request.path[len(self._prefix) :]
-            if not hmac.compare_digest(token.encode(errors="replace"), self._prefix.encode()):
+            token, path = request.path[: len(self._prefix)], request.path[len(self._prefix) :]
+            same = hmac.compare_digest(token.encode(errors="replace"), self._prefix.encode())
+            connects = request.headers.get("Upgrade") == "websocket"  # viser's page leaves the last slash out
+            if not same or not (path.startswith("/") or (connects and not path)):
                 return connection.respond(403, "The token is missing or wrong: open the whole address.\n")
-            if request.headers.get("Upgrade") == "websocket":
+            if connects:
                 return None
             kind, content = files.get(path, ("", b""))
             if content:

@@ -3,6 +3,7 @@
 import json
 import math
 from contextlib import ExitStack, closing
+from typing import Any
 
 from agents.learn.recipe import CHECKPOINT, CURVE, WEIGHTS, Args
 from agents.tools.files import alone_in, reading, writable_folder, write_json
@@ -49,7 +50,7 @@ def train(args: Args) -> bool:
             begun = learner.num_timesteps > 0 or math.isfinite(best_weights.best)
             left = max(0, args.total_steps - learner.num_timesteps)
             if left or not begun:
-                callbacks = [best_weights, EpisodeLog(write=best_weights.write)]
+                callbacks = [best_weights, EpisodeLog(write=best_weights.write), *_wandb(args, stack)]
                 learner.learn(left, callback=callbacks, reset_num_timesteps=False, tb_log_name="run")
             finished = True
         except KeyboardInterrupt:
@@ -59,6 +60,19 @@ def train(args: Args) -> bool:
         if finished and args.test_episodes:
             best_weights.add_results()
         return finished
+
+
+def _wandb(args: Args, stack: ExitStack) -> list[Any]:
+    """The callback of Weights & Biases, where `wandb` names a project; its run ends with the ``stack``."""
+    if not args.wandb:
+        return []
+    import wandb
+    from wandb.integration.sb3 import WandbCallback
+
+    stack.enter_context(
+        wandb.init(project=args.wandb, config=args.recipe(), dir=args.out, name=args.out.name, sync_tensorboard=True)
+    )
+    return [WandbCallback()]
 
 
 def _require_same(args: Args) -> None:

@@ -3,6 +3,7 @@
 import statistics
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -124,12 +125,18 @@ class Args(Recipe):
     """Decisions between checkpoints, and between rounds of validation."""
     validation_episodes: int = 64
     """Episodes of each scenario that choose the best weights."""
+    wandb: str = ""
+    """Project of Weights & Biases to which the run is logged too; needs the package wandb."""
     test_episodes: int = 32
     """Episodes of each scenario for the results on the card; 0 for none."""
 
     def check(self) -> None:
         """Raises ValueError for a bad argument; the message names it, its value and what is allowed."""
         super().check()
+        if self.wandb and find_spec("wandb") is None:
+            raise ValueError(
+                f"wandb: {self.wandb!r}, but the package is absent; allowed: nothing, or pip install wandb"
+            )
         within(self, period=(1, 2**40), validation_episodes=(1, 2**16), test_episodes=(0, 10**6))
 
     def recipe(self) -> dict[str, Any]:

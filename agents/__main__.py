@@ -27,9 +27,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         import gymnasium
         import tyro
 
+        from agents.learn.recipe import expanded
+
         modules = {name: import_module(module) for name, module in COMMANDS.items()}
         commands: dict[str, Callable] = {name: module.Args for name, module in modules.items()}
-        args = tyro.extras.subcommand_cli_from_dict(commands, prog=PROGRAM, args=arguments)
+        given = expanded(sys.argv[1:] if arguments is None else arguments)
+        args = tyro.extras.subcommand_cli_from_dict(commands, prog=PROGRAM, args=given)
         name, module = next((name, module) for name, module in modules.items() if isinstance(args, module.Args))
         try:
             return module.main(args)

@@ -3,6 +3,7 @@
 import json
 import math
 from contextlib import ExitStack, closing
+from dataclasses import replace
 from typing import Any
 
 from agents.learn.recipe import CHECKPOINT, CURVE, WEIGHTS, Args
@@ -36,6 +37,8 @@ def train(args: Args) -> bool:
 
     args.check()
     algorithms.require_device(args.device)
+    if args.initial:
+        args = replace(args, width=algorithms.initial_weights(args)[1]["width"])
     env = algorithms.make_training(args)
     rooms = algorithms.make_held_out(args, args.validation_episodes)
     writable_folder("out", args.out)
@@ -44,7 +47,7 @@ def train(args: Args) -> bool:
             stack.enter_context(closing(batch))
         _require_same(args)
         learner = algorithms.learner_in(args, env, args.out / CHECKPOINT, args.out / "logs", args.device)
-        write_json(args.out / ARGUMENTS, args.recipe())
+        write_json(args.out / ARGUMENTS, args.arguments())
         best_weights = BestWeights(args, learner, rooms)
         try:
             begun = learner.num_timesteps > 0 or math.isfinite(best_weights.best)
@@ -70,14 +73,14 @@ def _wandb(args: Args, stack: ExitStack) -> list[Any]:
     from wandb.integration.sb3 import WandbCallback
 
     stack.enter_context(
-        wandb.init(project=args.wandb, config=args.recipe(), dir=args.out, name=args.out.name, sync_tensorboard=True)
+        wandb.init(project=args.wandb, config=args.arguments(), dir=args.out, name=args.out.name, sync_tensorboard=True)
     )
     return [WandbCallback()]
 
 
 def _require_same(args: Args) -> None:
     """Raise ValueError where the folder holds a training with other arguments; `total_steps` alone may differ."""
-    path, recipe = args.out / ARGUMENTS, args.recipe()
+    path, recipe = args.out / ARGUMENTS, args.arguments()
     with reading(path):
         held = dict(json.loads(path.read_text(encoding="utf-8"))) if path.exists() else recipe
     for name, wanted in recipe.items():

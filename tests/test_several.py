@@ -140,14 +140,14 @@ def test_weights_of_several_scenarios_act_everywhere(tmp_path: Path) -> None:
 
 def test_training_goes_on_from_weights_of_several_scenarios(tmp_path: Path) -> None:
     pytest.importorskip("tensorboard")
-    small = {"period": 8, "validation_episodes": 2, "test_episodes": 0, "width": 96}
+    small = {"period": 8, "validation_episodes": 2, "test_episodes": 0}
     args = Args(
         out=tmp_path, scenario="sprint", initial="generalist", learning_rate=1e-12, total_steps=8, **(SHORT | small)
     )
     with pytest.raises(ValueError, match="device: 'abacus'; allowed on this machine: cpu"):
         train(replace(args, device="abacus"))
-    with pytest.raises(ValueError, match="its network is not that of ppo, width 8"):
-        train(replace(args, width=8))
+    with pytest.raises(ValueError, match="initial: 'ppo' is of ppo in paper; allowed: ppo in several scenarios"):
+        train(replace(args, initial="ppo"))
     with pytest.raises(ValueError, match="initial: 'nobody'; allowed: generalist"):
         train(replace(args, initial="nobody"))
     assert train(args)

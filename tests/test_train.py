@@ -258,3 +258,12 @@ def test_weights_that_are_no_numbers_are_neither_kept_nor_used(trained: Path, tm
     np.savez(tmp_path / "bad.npz", **{name: value.numpy() for name, value in learner.policy.state_dict().items()})
     with pytest.raises(ValueError, match=diverged):
         agents.load("bad", env, tmp_path)
+
+
+def test_a_recipe_is_arguments_by_name_which_later_ones_replace(tmp_path: Path) -> None:
+    pytest.importorskip("tensorboard")
+    small = "--scenario=sprint --num-envs=2 --duration=2 --total-steps=8 --validation-episodes=1 --test-episodes=0"
+    assert main(["train", "--recipe", "quick", *small.split(), "--out", str(tmp_path)]) == 0
+    arguments = json.loads((tmp_path / "arguments.json").read_text(encoding="utf-8"))
+    named = {"num_envs": 2, "width": 256, "reward": "log_score", "entropy_bonus": 0.01, "total_steps": 8}
+    assert named.items() <= arguments.items()

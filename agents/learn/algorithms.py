@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Iterable, Mapping
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from pickle import UnpicklingError
@@ -131,8 +132,17 @@ def minibatch(decisions: int) -> int:
     return decisions // min(counts, key=lambda count: abs(count - 5))
 
 
-def make_learner(recipe: Recipe, env: VecEnv, logs: Path | None, device: str = "cpu") -> Any:
-    """A new learner, in the first rooms that are trained in. PPO's rollout is one episode of every environment."""
+def make_learner(
+    recipe: Recipe,
+    env: VecEnv,
+    logs: Path | None,
+    device: str = "cpu",
+    weights: Mapping[str, np.ndarray] | None = None,
+) -> Any:
+    """A learner in the first rooms that are trained in, new or with ``weights``.
+
+    PPO's rollout is one episode of every environment. Raises ValueError for weights of another network.
+    """
     steps, entropy, several = recipe.steps_per_episode, {"ent_coef": recipe.entropy_bonus}, len(recipe.scenarios) > 1
     rollout: dict[str, Any] = {"n_steps": steps, "batch_size": minibatch(steps * env.num_envs), "gae_lambda": 0.95}
     if several:
@@ -145,36 +155,27 @@ def make_learner(recipe: Recipe, env: VecEnv, logs: Path | None, device: str = "
         "dqn": {**replay, "train_freq": 4},
         "sac": {**replay, "train_freq": 4},
     }
+    layout = getattr(env, "layout", None) or observation_layout(env.unwrapped)
     learner = CLASSES[recipe.algorithm](
         "MlpPolicy",
         env,
         learning_rate=lambda left: recipe.learning_rate * max(left, LAST_RATE),
         gamma=recipe.gamma,
-        policy_kwargs=policy_arguments(getattr(env, "layout", None) or observation_layout(env.unwrapped), recipe.width),
+        policy_kwargs=policy_arguments(layout, recipe.width, weights),
         tensorboard_log=str(logs) if logs else None,
         seed=recipe.seed,
         device=device,
         **own[recipe.algorithm],
     )
     env.seed(training_seed(recipe))  # SB3 has set the learner's own
-    if recipe.warm_start and recipe.algorithm not in ACTIONS and not _common_layout(recipe):
+    if weights is not None:
+        try:
+            learner.policy.load_state_dict({name: torch.as_tensor(value) for name, value in weights.items()})
+        except RuntimeError as error:
+            raise ValueError(f"the weights do not fit their card: {error}") from error
+    elif recipe.warm_start and recipe.algorithm not in ACTIONS and not several:
         _prefer(learner, best_sequence(env.unwrapped).longest(), recipe.warm_start)
     return learner
-
-
-def _set_weights(learner: Any, recipe: Recipe) -> None:
-    """Give a new learner the recipe's initial weights. Raises ValueError where there are none, or they do not fit."""
-    path = pretrained.path_of(recipe.initial)
-    if path is None:
-        allowed = ", ".join([*pretrained.names(), "or a file of weights, policy.npz"])
-        raise ValueError(f"initial: {recipe.initial!r}; allowed: {allowed}")
-    weights, card = read(path.stem, path.parent)
-    try:
-        learner.policy.load_state_dict({name: torch.as_tensor(value) for name, value in weights.items()})
-    except RuntimeError as error:
-        own = f"{recipe.algorithm}, width {recipe.width}"
-        theirs = f"{card['algorithm']}, width {card['width']}, in {card['scenario']}"
-        raise ValueError(f"initial: {recipe.initial!r} is of {theirs}; its network is not that of {own}") from error
 
 
 def _prefer(learner: Any, action: tuple[int, int], probability: float) -> None:
@@ -185,20 +186,32 @@ def _prefer(learner: Any, action: tuple[int, int], probability: float) -> None:
             bias[index] += math.log(others * probability / (1.0 - probability))
 
 
+def initial_weights(recipe: Recipe) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """The recipe's initial weights and their card.
+
+    Raises ValueError where there are none, or they are of another learner or of a single scenario.
+    """
+    path = pretrained.path_of(recipe.initial)
+    if path is None:
+        allowed = ", ".join([*pretrained.names(), "or a file of weights, policy.npz"])
+        raise ValueError(f"initial: {recipe.initial!r}; allowed: {allowed}")
+    weights, card = read(path.stem, path.parent)
+    if card["algorithm"] != recipe.algorithm or not _common_layout(Recipe.of(card)):
+        theirs = f"{card['algorithm']} in {card['scenario']}"
+        raise ValueError(
+            f"initial: {recipe.initial!r} is of {theirs}; allowed: {recipe.algorithm} in several scenarios"
+        )
+    return weights, card
+
+
 def learner_of(weights: Mapping[str, np.ndarray], card: Mapping[str, Any]) -> Any:
     """A learner of SB3 that has these weights, for a single environment of the recipe on the card.
 
     Raises ValueError where they do not fit each other.
     """
-    recipe = replace(Recipe.of(card), warm_start=0.0, num_envs=1)
-    env = make_training(recipe)
-    try:
-        learner = make_learner(recipe, env, None)
-        learner.policy.load_state_dict({name: torch.as_tensor(value) for name, value in weights.items()})
-    except RuntimeError as error:
-        raise ValueError(f"the weights do not fit their card: {error}") from error
-    finally:
-        env.close()
+    recipe = replace(Recipe.of(card), num_envs=1)
+    with closing(make_training(recipe)) as env:
+        learner = make_learner(recipe, env, None, weights=weights)
     learner.learning_rate = recipe.learning_rate  # a number, where a function would be pickled
     learner._setup_lr_schedule()
     return learner
@@ -211,10 +224,9 @@ def learner_in(recipe: Recipe, env: VecEnv, checkpoint: Path, logs: Path, device
     never a pickle: `BaseAlgorithm.load` would run its code. Raises ValueError for a damaged file, or one of another
     learner, and for initial weights that do not fit.
     """
-    learner = make_learner(recipe, env, logs, device)
+    initial = initial_weights(recipe)[0] if recipe.initial else None
+    learner = make_learner(recipe, env, logs, device, initial)
     if not checkpoint.exists():
-        if recipe.initial:
-            _set_weights(learner, recipe)
         return learner
     with reading(checkpoint), ZipFile(checkpoint) as archive:
         kept = json.loads(archive.read("data"))

@@ -24,6 +24,7 @@ from agents.summary import Summary, summarise, text
 from agents.tools.files import write_json
 from agents.tools.statistics import interquartile_mean
 
+LAST_ENTROPY = 0.1  # the entropy bonus's last value, relative to its first
 REFERENCES = ("best-constant", "mi-constant", "mi-fisher")
 """An open-loop policy and two greedy strategies: a learned policy is worth its training if it beats them."""
 COLUMNS = (
@@ -79,7 +80,7 @@ class BestWeights(BaseCallback):
     def keep(self, held_out_return: float) -> None:
         """Write the present weights and their card."""
         rooms = 0 if math.isnan(held_out_return) else self.args.validation_episodes
-        card = card_of(self.args.recipe(), self.learner.num_timesteps, self.seconds(), rooms)
+        card = card_of(self.args.arguments(), self.learner.num_timesteps, self.seconds(), rooms)
         save(self.weights, self.learner.policy, card | {"held_out_return": held_out_return})
 
     def add_results(self) -> None:
@@ -109,6 +110,11 @@ class BestWeights(BaseCallback):
         self.bar = tqdm(total=total, initial=self.num_timesteps, unit="decision", unit_scale=True)
         if self.args.initial and not self.num_timesteps:
             self._visit()  # the initial weights may be the best
+
+    def _on_rollout_start(self) -> None:
+        if self.args.entropy_bonus:
+            left = max(0.0, 1.0 - self.num_timesteps / self.args.total_steps)
+            self.model.ent_coef = self.args.entropy_bonus * LAST_ENTROPY ** (1.0 - left)
 
     def _on_step(self) -> bool:
         if self.num_timesteps % self.args.period < self.training_env.num_envs:

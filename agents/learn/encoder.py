@@ -17,17 +17,20 @@ class SetEncoder(BaseFeaturesExtractor):
     Args:
         observation_space: The flat observation's.
         layout: Slices of its parts.
-        width: Units of each layer.
+        width: Units of the encoded global features, and of an encoded token.
+        token_width: Units of the hidden layer of tokens, of which there are many.
     """
 
-    def __init__(self, observation_space: spaces.Box, layout: ObservationLayout, width: int = 64) -> None:
+    def __init__(
+        self, observation_space: spaces.Box, layout: ObservationLayout, width: int = 64, token_width: int = 64
+    ) -> None:
         super().__init__(observation_space, features_dim=3 * width)
         self.layout = layout
         kinds = [layout.token_slices[name] for name in ("fiducial", "expected", "initialising", "mapped")]
         self.kinds = slice(kinds[0].start, kinds[-1].stop)
         self.globals = nn.Sequential(nn.Linear(layout.tokens.start, width), nn.Tanh())
         self.tokens = nn.Sequential(
-            nn.Linear(layout.token_shape[1], width), nn.ReLU(), nn.Linear(width, width), nn.ReLU()
+            nn.Linear(layout.token_shape[1], token_width), nn.ReLU(), nn.Linear(token_width, width), nn.ReLU()
         )
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:

@@ -1,7 +1,7 @@
 """The arguments of training, apart from PyTorch and its slow import."""
 
 import statistics
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -43,7 +43,7 @@ class Recipe:
     """Probability at the start of the action that the scenario's best sequence holds longest (PPO and A2C in one
     scenario; 0 prefers none)."""
     initial: str = ""
-    """Weights to start from: generalist, or a file policy.npz of the same width (PPO and A2C)."""
+    """Weights of several scenarios to start from, and their width: generalist, or a file policy.npz (PPO and A2C)."""
     total_steps: int = 100_000
     """Decisions of training, rounded up to whole rollouts."""
     decision_period: float = 1.0
@@ -59,7 +59,7 @@ class Recipe:
     learning_rate: float = 7e-4
     """First learning rate; it falls linearly to a twentieth."""
     entropy_bonus: float = 0.0
-    """Weight of the policy's own entropy (PPO, A2C); without a warm start 0.002 explores longer."""
+    """Weight of the policy's own entropy, which falls to a tenth (PPO, A2C); 0.01 explores longer."""
     epochs: int = 8
     """Passes over each rollout, in about five equal minibatches each (PPO)."""
     target_kl: float = 0.02
@@ -113,10 +113,32 @@ class Recipe:
         return round(statistics.median(durations) / self.decision_period)
 
 
+QUICK: dict[str, Any] = {
+    **{"reward": "log_score", "warm_start": 0.0, "entropy_bonus": 0.01, "num_envs": 128, "epochs": 4, "width": 256},
+    **{"total_steps": 40_000, "period": 5_000},
+}
+RECIPES = {"quick": QUICK, "full": QUICK | {"total_steps": 200_000, "period": 20_000}}
+"""Arguments of `Args` by the name of a recipe; docs/policies.md has their curves."""
+
+
+def expanded(arguments: Sequence[str]) -> list[str]:
+    """Arguments of a command line with those of the named recipe in its place, so that later ones replace them."""
+    given = list(arguments)
+    for k, one in enumerate(given):
+        name = one.removeprefix("--recipe=") if one.startswith("--recipe=") else "".join(given[k + 1 : k + 2])
+        if one.partition("=")[0] == "--recipe" and name in RECIPES:
+            texts = [f"--{key.replace('_', '-')}={value}" for key, value in RECIPES[name].items()]
+            return [*given[:k], *texts, *given[k:]]
+    return given
+
+
 @dataclass(frozen=True)
 class Args(Recipe):
     """Train a policy; write the weights that did best in validation episodes, their card, a checkpoint and logs."""
 
+    recipe: Literal["", "quick", "full"] = ""
+    """Arguments by name, for scenarios in which decisions pay: quick, or full, until the curve is flat. Arguments that
+    follow it replace its own."""
     out: Path = Path("results/train")
     """Folder of the results; a checkpoint in it is resumed."""
     device: str = "cpu"
@@ -139,6 +161,6 @@ class Args(Recipe):
             )
         within(self, period=(1, 2**40), validation_episodes=(1, 2**16), test_episodes=(0, 10**6))
 
-    def recipe(self) -> dict[str, Any]:
+    def arguments(self) -> dict[str, Any]:
         """The arguments that determine a training, as they stand in a file."""
         return {field.name: getattr(self, field.name) for field in fields(Recipe)}

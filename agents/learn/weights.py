@@ -27,12 +27,20 @@ from agents.learn.inputs import Inputs
 from agents.tools.files import json_text, reading, write_json
 from baselines.policy import Environment
 
+TOKEN_WIDTH = 64  # most units of the hidden layer of tokens in new networks
 
-def policy_arguments(layout: ObservationLayout, width: int) -> dict[str, Any]:
-    """SB3's `policy_kwargs` of our policies."""
+
+def policy_arguments(
+    layout: ObservationLayout, width: int, weights: Mapping[str, np.ndarray] | None = None
+) -> dict[str, Any]:
+    """SB3's `policy_kwargs` of our policies: of new ones, or of a network for ``weights``."""
+    token_width = min(width, TOKEN_WIDTH)
+    for name, values in (weights or {}).items():
+        if name.endswith("features_extractor.tokens.0.weight"):
+            token_width = len(values)
     return {
         "features_extractor_class": SetEncoder,
-        "features_extractor_kwargs": {"layout": layout, "width": width},
+        "features_extractor_kwargs": {"layout": layout, "width": width, "token_width": token_width},
         "net_arch": [width],
     }
 
@@ -184,7 +192,7 @@ def _actor(layout: ObservationLayout, weights: dict[str, np.ndarray], card: dict
         ValueError: the weights do not fit the observation.
     """
     space = spaces.Box(-1.0, 1.0, (layout.size,), np.float32)
-    arguments = policy_arguments(layout, int(card["width"]))
+    arguments = policy_arguments(layout, int(card["width"]), weights)
     network: BasePolicy
     if card["algorithm"] == "dqn":
         network = DQNPolicy(space, spaces.Discrete(len(Motion) * len(Gaze)), lambda _: 0.0, **arguments)

@@ -13,7 +13,14 @@ from activeslam_gym import Gaze, Motion, Scenario
 from activeslam_gym.camera import pixel_from_camera_point
 from activeslam_gym.envs.run import Run, known_boxes, run_at
 from activeslam_gym.envs.setting import resolve
-from activeslam_gym.envs.simulation import advance, begin_motion, empty_runs, reset_run
+from activeslam_gym.envs.simulation import (
+    begin_motion,
+    empty_runs,
+    measure,
+    reset_run,
+    simulate,
+    update_estimate,
+)
 from activeslam_gym.kernels import compiled, row
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.belief import POINT, start_of
@@ -131,7 +138,8 @@ def whole_frames(runs: Run, command: np.ndarray, frames: int) -> None:
     run = run_at(runs, 0, runs.estimate.covariance[0])
     begin_motion(run, command, np.inf)
     for frame in range(frames):
-        advance(run, command[3], frame == frames - 1)
+        u, contact = simulate(run, command[3])
+        update_estimate(run, u, contact, measure(run), frame == frames - 1)
 
 
 @compiled

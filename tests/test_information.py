@@ -12,8 +12,8 @@ import activeslam_gym  # noqa: F401  (registers the environment)
 from activeslam_gym.information import CRITERIA
 from activeslam_gym.information import candidates as c
 from activeslam_gym.information.expectation import EXPECTED, find_counting, update_expectation, waiting_count
+from activeslam_gym.information.foreign import score_plans_with
 from activeslam_gym.information.net import net_of_plans
-from activeslam_gym.information.registered import score_plans_with
 from activeslam_gym.information.sensor_limits import UNLIMITED, SensorLimits
 from activeslam_gym.motion import Gaze, Motion, motion_of, open_loop, turn_of
 from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, Belief, point_belief

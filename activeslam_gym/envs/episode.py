@@ -9,7 +9,7 @@ from activeslam_gym.envs.identity import features_of_landmarks, landmark_errors
 from activeslam_gym.envs.observation import FARTHEST_CLEARANCE, observe
 from activeslam_gym.envs.reward import EVALUATION, LOST_PENALTY, REWARDS, Potential, potential_of_number
 from activeslam_gym.envs.run import EVENTS, Run, present, run_at
-from activeslam_gym.envs.simulation import advance, begin_motion
+from activeslam_gym.envs.simulation import begin_motion, measure, simulate, update_estimate
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.entropy import LOG2_2PIE, gathered, log2_dets, traces
 from activeslam_gym.information.expectation import find_counting
@@ -37,15 +37,26 @@ def play(runs: Run, phases: np.ndarray, commands: np.ndarray, start: int, stop: 
     for i in range(start, stop):
         if phases[i] == REST:
             continue
-        run, begins = run_at(runs, i, covariance), phases[i] == BEGIN
-        if begins:
-            present(run)
-        start_step(run, commands[i], math.inf, begins)
-        frames = 0 if begins else run.models.task.frames_per_step
-        for frame in range(frames):
-            advance(run, commands[i, 3], frame == frames - 1)
-        end_step(run, begins)
+        run = run_at(runs, i, covariance)
+        step(run, commands[i], phases[i] == BEGIN)
         run.estimate.state.whole = stop - start == 1  # the others' covariances wait for `complete`
+
+
+@compiled
+def step(run: Run, command: np.ndarray, begins: bool) -> None:
+    """One gaze period: simulate, measure, predict, associate, update, initialise, evaluate, observe.
+
+    Where a run ``begins``, its prior alone is evaluated and observed. The reference of it is `perception.step`.
+    """
+    if begins:
+        present(run)
+    start_step(run, command, math.inf, begins)
+    frames = 0 if begins else run.models.task.frames_per_step
+    for frame in range(frames):
+        u, contact = simulate(run, command[3])
+        labelled = measure(run)
+        update_estimate(run, u, contact, labelled, frame == frames - 1)
+    end_step(run, begins)
 
 
 @borrowing

@@ -16,9 +16,9 @@ from activeslam_gym.envs.simulation import (
     Start,
     account,
     box_scene,
-    drive,
     identify,
-    sense,
+    measure,
+    simulate,
     update_estimate,
 )
 from activeslam_gym.kernels import row, uncompiled
@@ -101,7 +101,7 @@ def step(run: Run, perception: Perception, command: np.ndarray, begins: bool) ->
         reach = reach_of_command(scene, motion, run.world, command)
     start_step(run, command, reach, begins)
     for _ in range(0 if begins else int(task.frames_per_step)):
-        u, contact = simulate(run, scene, command[3])
+        u, contact = simulate_in(scene, run, command[3])
         perception.frame(run, u, contact)
     end_step(run, begins)
     if scene is not None:
@@ -109,10 +109,10 @@ def step(run: Run, perception: Perception, command: np.ndarray, begins: bool) ->
         observe_clearance(run)
 
 
-def simulate(run: Run, scene: Scene | None, gaze: float) -> tuple[np.ndarray, bool]:
-    """One frame of control and true motion; see `simulation.drive`."""
+def simulate_in(scene: Scene | None, run: Run, gaze: float) -> tuple[np.ndarray, bool]:
+    """`simulation.simulate` in a foreign ``scene``, whose bodies stop the camera."""
     start = run.world.state.camera[POSITION].copy()
-    u, contact = drive(run, gaze)
+    u, contact = simulate(run, gaze)
     if scene is not None:
         contacts = push_out(scene, run.models.motion, run.world, start)
         run.episode.events.wall_contacts += contacts
@@ -120,9 +120,9 @@ def simulate(run: Run, scene: Scene | None, gaze: float) -> tuple[np.ndarray, bo
     return u, bool(contact)
 
 
-def measure_points(run: Run, scene: Scene | None) -> bool:
-    """The detections of the sensor `points`; whether their ids are the true ones."""
-    labelled = bool(sense(run))
+def measure_in(scene: Scene | None, run: Run) -> bool:
+    """`simulation.measure` in a foreign ``scene``, whose bodies hide points."""
+    labelled = bool(measure(run))
     if scene is not None:
         detections = int(run.episode.detections)
         run.episode.detections = drop_hidden(scene, run.world, run.candidate, run.label, detections)
@@ -142,7 +142,7 @@ class PointPerception:
     def frame(self, run: Run, u: np.ndarray, contact: bool) -> None:
         """Measure and estimate."""
         ends = (run.world.state.frame + 1) % run.models.task.frames_per_step == 0
-        update_estimate(run, u, contact, measure_points(run, self.scene), bool(ends))
+        update_estimate(run, u, contact, measure_in(self.scene, run), bool(ends))
 
 
 class ForeignPerception:
@@ -207,7 +207,7 @@ class ForeignPerception:
     def _measured(self, run: Run) -> np.ndarray:
         """(M, d) the measurements; writes their pixels, labels and, where the scenario gives them, ids."""
         if self._simulated:
-            measure_points(run, self.scene)
+            measure_in(self.scene, run)
             return run.candidate["pixel"][: int(run.episode.detections)].copy()
         time, what = (int(run.world.state.frame) + 1) * self._dt, f"measure() of {self._sensed}"
         truth = truth_of(run.world, self.scene or box_scene(run))

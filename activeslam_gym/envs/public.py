@@ -19,8 +19,8 @@ from activeslam_gym.envs.simulation import box_scene, reset_run
 from activeslam_gym.information import candidates
 from activeslam_gym.information.candidates import PredictedBelief, sight_after
 from activeslam_gym.information.criteria import CRITERIA, NET, Criterion
+from activeslam_gym.information.foreign import score_plans_with, sight_by
 from activeslam_gym.information.net import Forecast
-from activeslam_gym.information.registered import score_plans_with, sight_by
 from activeslam_gym.kernels import row, uncompiled
 from activeslam_gym.metrics import camera_error, nees
 from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, GAZE_COUNT, MOTION_COUNT

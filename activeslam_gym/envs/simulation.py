@@ -160,18 +160,11 @@ def begin_motion(run: Run, command: np.ndarray, reach: float) -> None:
 
 
 @compiled
-def advance(run: Run, gaze: float, ends: bool) -> None:
-    """One frame: control, true motion, detection, prediction, association, update, initialisation.
+def simulate(run: Run, gaze: float) -> tuple[np.ndarray, bool]:
+    """One frame of control and true motion: (6,) the accelerations as the estimator knows them, and a contact.
 
-    ``gaze`` is a share of the turn rate. ``ends``: the frame is the last of a step, whose estimate is whole.
+    ``gaze`` is a share of the turn rate.
     """
-    u, contact = drive(run, gaze)
-    update_estimate(run, u, contact, sense(run), ends)
-
-
-@compiled
-def drive(run: Run, gaze: float) -> tuple[np.ndarray, bool]:
-    """One frame of control and true motion: (6,) the accelerations as the estimator knows them, and a contact."""
     motion, control = run.models.motion, run.episode.control
     turn = turn_by(motion, gaze, run.world.state.frame * motion.dt)
     seconds = control.frames * motion.dt
@@ -185,7 +178,7 @@ def drive(run: Run, gaze: float) -> tuple[np.ndarray, bool]:
 
 
 @compiled
-def sense(run: Run) -> bool:
+def measure(run: Run) -> bool:
     """The detections of the frame under way; whether their ids are the true ones."""
     models, world = run.models, run.world
     run.episode.detections = detect(models.true_camera, models.sensor, world, run.candidate, run.label)
@@ -206,16 +199,15 @@ def identify(run: Run) -> bool:
 
 @compiled
 def update_estimate(run: Run, u: np.ndarray, contact: bool, labelled: bool, ends: bool) -> None:
-    """The part of a frame after the detections, by the compiled filter; see `advance` and `drive`.
+    """Predict, associate, update and initialise by the compiled filter, after `simulate` and `measure`.
 
-    In the middle of a step the estimate has what `close_frame` reads.
+    ``ends``: the frame is the last of a step, whose estimate is whole; in the middle it has what `close_frame` reads.
     """
-    models, world = run.models, run.world
-    motion, candidates = models.motion, run.candidate[: run.episode.detections]
+    models, belief, fiducials, boxes = run.models, run.ekf, run.world.fiducials, known_boxes(run)
+    events, detections = run.episode.events, run.candidate[: run.episode.detections]
     if contact:
-        update_contact(run.ekf, u, motion.dt)
-    boxes, events = known_boxes(run), run.episode.events
-    filter_frame(models, run.ekf, world.fiducials, boxes, u, candidates, labelled, events)
+        update_contact(belief, u, models.motion.dt)
+    filter_frame(models, belief, fiducials, boxes, u, detections, labelled, events)
     if ends:
         present(run)
     else:

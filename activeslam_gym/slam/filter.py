@@ -32,8 +32,7 @@ from activeslam_gym.slam.kalman import predict, update_contact, wander
 from activeslam_gym.slam.map import draw_bias, remove_feature
 from activeslam_gym.slam.sight import MAP_POINT, Sight, sight_of_belief
 
-MODELS = record(camera=CAMERA, motion=MOTION, filter=FILTER)
-"""The constants of a filter."""
+_MODELS = record(camera=CAMERA, motion=MOTION, filter=FILTER)
 
 
 class Filter:
@@ -66,7 +65,7 @@ class Filter:
         scenario = scenario or Scenario()
         first, prior = start_of(scenario)
         self.models = filled(
-            MODELS, camera=camera_of(scenario), motion=motion_of(scenario, 1.0), filter=filter_of(scenario)
+            _MODELS, camera=camera_of(scenario), motion=motion_of(scenario, 1.0), filter=filter_of(scenario)
         )
         self.camera = self.models.camera
         self.belief = row(empty_beliefs(scenario, 1), 0)

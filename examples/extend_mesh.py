@@ -30,7 +30,7 @@ def main(steps: int = 40) -> Any:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "flat.glb")
         flat().export(path)
-        env: Any = gym.make("ActiveSLAM-v0", scenario={"scene": str(path)}, render_mode="rgb_array")
+        env: Any = gym.make("ActiveSLAM-v0", scene=str(path), render_mode="rgb_array")
         observation, _ = env.reset(seed=0)
         policy, state = baselines.make("mi-mi", env), None
         for _ in range(steps):

@@ -1,13 +1,12 @@
 """``ActiveSLAMPixels-v0``: the same environment on images of a textured room instead of points."""
 
-import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from activeslam_gym.camera import camera_point, pixel_from_camera_point
-from activeslam_gym.config import Scenario, scenario_from
+from activeslam_gym.config import Scenario
 from activeslam_gym.envs.active_slam import ActiveSLAMEnv
 from activeslam_gym.envs.active_slam_vector import ActiveSLAMVectorEnv
 from activeslam_gym.geometry import rotation_matrix
@@ -45,7 +44,7 @@ class ActiveSLAMPixelsEnv(ActiveSLAMEnv):
     """
 
     def __init__(self, scenario: str | Mapping[str, Any] | Scenario = "pixels", **arguments: Any) -> None:
-        super().__init__(_on_images(scenario), **arguments)
+        super().__init__(scenario, sensor=IMAGES, **arguments)
 
     @property
     def image(self) -> np.ndarray:
@@ -75,9 +74,4 @@ class ActiveSLAMPixelsVectorEnv(ActiveSLAMVectorEnv):
     def __init__(
         self, num_envs: int = 1, scenario: str | Mapping[str, Any] | Scenario = "pixels", **arguments: Any
     ) -> None:
-        super().__init__(num_envs, _on_images(scenario), **arguments)
-
-
-def _on_images(scenario: str | Mapping[str, Any] | Scenario) -> Scenario:
-    """The scenario with the sensor `images`."""
-    return dataclasses.replace(scenario_from(scenario), sensor=IMAGES)
+        super().__init__(num_envs, scenario, sensor=IMAGES, **arguments)

@@ -1,4 +1,4 @@
-"""A triangle mesh as a scene: ``scenario={"scene": "flat.glb"}``; a `MeshFactory` where its axes or its unit differ.
+"""A triangle mesh as a scene: ``scene="flat.glb"``; a `MeshFactory` where its axes or its unit differ.
 
 Rays by Embree (Wald, Woop, Benthin, Johnson and Ernst, "Embree: a kernel framework for efficient CPU ray tracing",
 2014), of the extra ``mesh``. The room is the mesh's bounding box, whose middle is the world's origin.

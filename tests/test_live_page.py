@@ -120,7 +120,7 @@ def test_ctrl_c_or_a_closed_terminal_ends_it_and_loses_nothing(tmp_path: Path, n
         finally:
             if process.poll() is None:
                 os.killpg(process.pid, signal.SIGKILL)
-    assert f"Recorded in {tmp_path / 'run'}" in rest
+    assert rest == f"Recorded in {tmp_path / 'run'}\n"
     count = len(frames.read_text().splitlines())
     assert len(np.loadtxt(tmp_path / "run" / "trajectory.tum")) == count
     assert (tmp_path / "run" / "map.csv").stat().st_size > 100

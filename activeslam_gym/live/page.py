@@ -101,7 +101,8 @@ class Page:
         self._closed = True
         self._new.set()
         self._drawer.join()
-        self._server.stop()
+        with redirect_stdout(io.StringIO()):
+            self._server.stop()
 
     def _draw_all(self) -> None:
         """In a thread of its own: draw the newest state, until the end."""

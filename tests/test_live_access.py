@@ -1,5 +1,6 @@
 """The live page's server answers under its token alone, and from other machines encrypted."""
 
+import asyncio
 import ssl
 import struct
 import urllib.error
@@ -14,8 +15,8 @@ cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 pytest.importorskip("viser", reason="the extra `live` is not installed")
 pytest.importorskip("trustme", reason="the extra `live` is not installed")
 
+from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
-from websockets.sync.client import connect
 
 from activeslam_gym.live.access import Access
 from activeslam_gym.live.device import Device
@@ -61,19 +62,25 @@ def test_a_page_that_films_from_afar_is_encrypted(monkeypatch: pytest.MonkeyPatc
         with pytest.raises((OSError, urllib.error.URLError)):
             got(own.replace("https", "http"))
         jpeg = cv2.imencode(".jpg", np.full((8, 16), 99, np.uint8))[1].tobytes()
-        with connect(own.replace("https", "wss") + "device", ssl=TRUSTING) as sender:
-            times = []
-            for seconds, sent in ((5.0, 1), (4.0, 0), (6.5, 1)):  # an image of the past is left out
-                sender.send(struct.pack("<d", seconds) + jpeg)
-                assert sender.recv(30) == "next" and device._images.qsize() == sent
-                if sent:
-                    at, image = device.next()
-                    times.append(at)
-                    assert image.shape == (8, 16)
-            assert np.diff(times) == pytest.approx(1.5)
-            sender.send(b"nonsense, of some length")
-            with pytest.raises(ConnectionClosed, match="no image"):
-                sender.recv(30)
+        times = asyncio.run(sent(own.replace("https", "wss") + "device", jpeg, device))
+        assert np.diff(times) == pytest.approx(1.5)
+
+
+async def sent(address: str, jpeg: bytes, device: Device) -> list[float]:
+    """The times of the images that are taken, of three that are sent; one of the past is left out."""
+    times = []
+    async with connect(address, ssl=TRUSTING) as sender:  # one thread: two may not share an encrypted connection
+        for seconds, taken in ((5.0, True), (4.0, False), (6.5, True)):
+            await sender.send(struct.pack("<d", seconds) + jpeg)
+            assert await sender.recv() == "next" and device.wait(0.0) == taken
+            if taken:
+                at, image = device.next()
+                times.append(at)
+                assert image.shape == (8, 16)
+        await sender.send(b"nonsense, of some length")
+        with pytest.raises(ConnectionClosed, match="no image"):
+            await sender.recv()
+    return times
 
 
 def test_a_server_that_cannot_be_guarded_is_not_used() -> None:

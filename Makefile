@@ -15,7 +15,7 @@ CLIENTS := sb3 torchrl rllib cleanrl rerun live gtsam cluster
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo consistency learners leaderboard results figures advice bench clients client-figures clips docs test pytest test-oldest test-newest lint clean $(CLIENTS:%=client-%)
+.PHONY: help demo consistency learners curves leaderboard results figures advice bench clients client-figures clips docs test pytest test-oldest test-newest lint clean $(CLIENTS:%=client-%)
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-14s %s\n", $$1, $$2}' Makefile
@@ -48,6 +48,15 @@ learners: $(VENV)/.agents ## train five seeds of each learner again (an hour and
 	for name in $(TRAINED); do for suffix in npz json; do \
 		cp results/learners/$$name/policy.$$suffix agents/suite/entries/$${name%-*}-default/policy-$${name#*-}.$$suffix || exit 1; \
 	done; done
+
+curves: $(VENV)/.agents ## learning curves in office, and how much is left there and in corner (an hour): docs/policies.md
+	for seed in 0 1 2; do \
+		$(RUN) -m agents train --recipe quick --scenario office --seed $$seed --test-episodes 0 --out results/curves/quick-$$seed || exit 1; \
+		$(RUN) -m agents train --recipe quick --initial generalist --learning-rate 3e-4 --entropy-bonus 0.002 \
+			--scenario office --seed $$seed --test-episodes 0 --out results/curves/initial-$$seed || exit 1; \
+	done
+	$(RUN) -m studies.learning results/curves/*-? --jobs $(WORKERS) --out results/curves --report docs/policies.md
+	$(RUN) -m studies.upper_reference --jobs $(WORKERS) --out results/curves --report docs/policies.md
 
 leaderboard: $(VENV)/.agents $(VENV)/.advice ## play the test episodes of the suite, and make its page (hours; what is of this BEHAVIOUR already stays; with EPISODES=8 twenty minutes)
 	for policy in $(ENTRIES); do $(RUN) -m agents enter --name $$policy --policies $$policy $(PLAYED) $(ON) --out $(BOARD) || exit 1; done

@@ -1,46 +1,96 @@
-"""What the calling process of `--cluster` spends on episodes: it limits how many cores work for one command.
+"""What a cluster of N cores needs for a list of episodes: a simulation of its schedule with measured times.
 
-python -m studies.cluster --report docs/cluster.md  # the text, by studies/cluster.json
-python -m studies.cluster --measure                 # measures again, with Ray (minutes)
+    python -m studies.cluster --report docs/cluster.md  # the table, and docs/images/cluster.png
+    python -m studies.cluster --measure                 # plays the episodes again, for studies/cluster.json (minutes)
+
+The simulated cluster runs `activeslam_gym.evaluation.cluster.Schedule`. A core loads kernels in its first chunk. The
+calling process takes one answer after the other: a time for each chunk, and one for each episode in it.
 """
 
+import argparse
+import heapq
+import itertools
 import json
 import pickle
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from textwrap import fill
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-import tyro
 
 from activeslam_gym.evaluation import Episode, Store
-from activeslam_gym.evaluation.cluster import CHUNK, on_cluster
+from activeslam_gym.evaluation import cluster as engine
 from activeslam_gym.evaluation.store import _made
 from agents.task import Task, play_tasks
+from agents.tools.sections import table
 from studies import publish, run
 
 DATA = Path(__file__).with_suffix(".json")
 POLICIES = ("sweep", "mi-fisher", "mi-mi", "greedy-plus", "generalist")
 SCENARIOS = ("paper", "office", "corner-pixels")
+CORES = (2, 16, 256, 4096)
+EPISODES = (10_000, 1_000_000)
+TRANSFER = 100e6  # bytes a second between machines, a tenth of 10 Gbit/s
+
+
+class Job(NamedTuple):
+    """An episode of the simulation."""
+
+    group: str
+    seconds: float
+
+
+class Run(NamedTuple):
+    """A simulated run: its wall time [s], and the time of play over cores x wall time."""
+
+    wall: float
+    efficiency: float
+
+
+def simulated(times: Mapping[str, list[float]], costs: Mapping[str, float], episodes: int, cores: int) -> Run:
+    """Play so many episodes, the same number of each group of ``times`` [s], drawn from its measured ones."""
+    rng, each = np.random.default_rng(0), episodes // len(times)
+    jobs = [(Job(name, one),) for name, own in times.items() for one in rng.choice(own, each).tolist()]
+    schedule, queue = engine.Schedule(jobs), deque[tuple[float, Any]]()  # chunks that wait for a core, and since when
+    now = caller = costs["connect"]  # until then the calling process is busy
+    free, begun = list(range(cores)), set[int]()
+    over: list[tuple[float, int, float, Any]] = []  # when a chunk is over, on which core, its time, the chunk
+    while True:
+        while len(queue) + len(over) < engine.AHEAD * cores and (chosen := schedule.next(cores)):
+            queue.append((caller + costs["transfer"], chosen))
+        while free and queue:
+            core, (ready, chosen) = free.pop(), queue.popleft()
+            seconds = sum(task[0].seconds for task in chosen[1]) + (0.0 if core in begun else costs["load"])
+            begun.add(core)
+            heapq.heappush(over, (max(now, ready) + seconds, core, seconds, chosen))
+        if not over:
+            break
+        now, core, seconds, (group, chunk) = heapq.heappop(over)
+        free.append(core)
+        caller = max(caller, now) + costs["chunk"] + costs["episode"] * len(chunk)
+        group.cost = min(group.cost, seconds / len(chunk))
+    wall = max(now, caller)
+    return Run(wall, sum(one.seconds for (one,) in jobs) / (cores * wall))
 
 
 def measured(rooms: int = 6) -> dict[str, Any]:
     """Times [s] of episodes by policy and scenario, and costs of an episode and a chunk, on `--cluster local`."""
     times: dict[str, list[float]] = {}
-    for scenario, policy in product(SCENARIOS, POLICIES):
+    for scenario, policy in itertools.product(SCENARIOS, POLICIES):
         jobs = [Task(policy, seed, json.dumps({"scenario": scenario})) for seed in range(rooms + 1)]
         spent = [_seconds(partial(_made, play_tasks, [job])) for job in jobs]
         times[f"{policy}, {scenario}"] = np.round(spent[1:], 3).tolist()  # the first one loads kernels
         print(f"{policy}, {scenario}: {np.mean(spent[1:]):.2f} s", flush=True)
-    answer, first = pickle.dumps(_made(play_tasks, jobs[:1])), [(Task("mi-mi", 0),)]
-    costs = {"bytes": len(answer), "episode": _cost_of_an_answer(jobs[0], answer)}
-    _seconds(partial(_on_cluster, _nothing, [(0,)]))  # connects
-    costs["chunk"] = _seconds(partial(_on_cluster, _nothing, [(i,) for i in range(1600)])) * CHUNK / 1600
+    (made,) = _made(play_tasks, jobs[:1])
+    answer, first = pickle.dumps([made]), [(Task("mi-mi", 0),)]
+    costs = {"bytes": len(answer), "transfer": len(answer) / TRANSFER, "episode": _cost_of_an_answer(jobs[0], answer)}
+    costs["connect"] = _seconds(partial(_on_cluster, _nothing, [(0,)]))
+    costs["chunk"] = _seconds(partial(_on_cluster, _nothing, [(i,) for i in range(200)])) / 200
     costs["load"] = _seconds(partial(_on_cluster, play_tasks, first)) - float(np.mean(times["mi-mi, paper"]))
     return {"times": times, "costs": costs}
 
@@ -53,7 +103,7 @@ def _seconds(call: Callable[[], Any]) -> float:
 
 
 def _on_cluster(function: Callable[[Any], Any], tasks: Sequence[Any]) -> None:
-    list(on_cluster(function, tasks, "local", {}))
+    list(engine.on_cluster(function, tasks, "local", {}))
 
 
 def _nothing(task: Any) -> None:
@@ -62,6 +112,7 @@ def _nothing(task: Any) -> None:
 
 def _cost_of_an_answer(job: Task, answer: bytes, count: int = 100) -> float:
     """Time of the calling process for an episode: it is taken out of the answer, written, and looked at [s]."""
+
     with TemporaryDirectory() as folder:
         store, begun = Store(Path(folder)), perf_counter()
         for i in range(count):
@@ -71,33 +122,68 @@ def _cost_of_an_answer(job: Task, answer: bytes, count: int = 100) -> float:
         return (perf_counter() - begun) / count
 
 
-def text_of(data: Mapping[str, Any]) -> str:
-    """The costs, and the number of cores that they allow, in words."""
+def table_of(data: Mapping[str, Any]) -> str:
+    """A row for each number of cores, and the costs."""
     times, costs = data["times"], data["costs"]
+    head, rows = ["Cores"], [[str(cores)] for cores in CORES]
+    for count in EPISODES:
+        of = f"{count:,} episodes".replace(",", " ")
+        head += [f"Wall time, {of}", f"efficiency, %, {of}"]
+        for cores, row in zip(CORES, rows):
+            run = simulated(times, costs, count, cores)
+            row += [time_text(run.wall), f"{100 * run.efficiency:.0f}"]
     mean = float(np.mean([np.mean(own) for own in times.values()]))
-    most = 1.0 / (costs["episode"] + costs["chunk"] / CHUNK)
-    spent = f"{1000 * costs['chunk']:.1f} ms on a chunk of {CHUNK} and {1000 * costs['episode']:.2f} ms on each episode"
-    return fill(
+    most = 1.0 / (costs["episode"] + costs["chunk"] * mean / engine.CHUNK)
+    spent = f"{1000 * costs['chunk']:.1f} ms on a chunk and {1000 * costs['episode']:.2f} ms on each episode in it"
+    text = (
         f"Over {len(times)} pairs of policy and scenario, an episode takes {mean:.2f} s of a core and sends "
         f"{costs['bytes'] / 1000:.0f} kB. A core loads kernels for {costs['load']:.1f} s. The calling process spends "
-        f"{spent} in it, so it takes at most {most:.0f} episodes a second, of {most * mean:.0f} cores: "
-        "there it stops scaling.",
-        100,
+        f"{spent}, so it takes at most {most:.0f} episodes a second, of {most * mean:.0f} cores: "
+        "there it stops scaling."
     )
+    return f"{table(head, rows)}\n\n{fill(text, 100)}"
 
 
-def main(report: Path | None = None, measure: bool = False) -> None:
-    """Measure if asked, and print what the calling process of `--cluster` spends.
+def time_text(seconds: float) -> str:
+    """A time in seconds, minutes or hours."""
+    unit, name = next((one for one in ((3600, "h"), (60, "min")) if seconds >= 2 * one[0]), (1, "s"))
+    return f"{seconds / unit:.1f} {name}"
 
-    Args:
-        report: A page whose generated section "cluster" is made.
-        measure: Play the episodes again, with Ray.
-    """
-    if measure:
+
+def draw(data: Mapping[str, Any], path: Path) -> None:
+    """Efficiency over cores for each number of episodes, and the distribution of the measured times."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.2), layout="constrained")
+    cores = [2**k for k in range(1, 13)]
+    for count in (10_000, 100_000):
+        runs = [simulated(data["times"], data["costs"], count, n) for n in cores]
+        left.semilogx(cores, [100 * run.efficiency for run in runs], "o-", base=2, label=f"{count:,} episodes")
+    left.set(xlabel="cores", ylabel="efficiency, %", ylim=(0, 105))
+    left.legend()
+    right.ecdf(np.concatenate(list(data["times"].values())))
+    right.set(xscale="log", xlabel="time of an episode, s", ylabel="share of episodes")
+    for axes in (left, right):
+        axes.grid(alpha=0.3)
+    figure.savefig(path, dpi=110)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Measure if asked, simulate, print, and draw."""
+    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("--measure", action="store_true", help="play the episodes again")
+    made.add_argument("--report", type=Path, help="the page whose generated section and figure are made")
+    args = made.parse_args(arguments)
+    if args.measure:
         DATA.write_text(json.dumps(measured()) + "\n", encoding="utf-8")
     data = json.loads(DATA.read_text(encoding="utf-8"))
-    publish(report, "cluster", text_of(data), "python -m studies.cluster --report docs/cluster.md")
+    publish(args.report, "cluster", table_of(data), "python -m studies.cluster --report docs/cluster.md")
+    if args.report:
+        draw(data, args.report.parent / "images" / "cluster.png")
 
 
 if __name__ == "__main__":
-    run(lambda: tyro.cli(main, prog="python -m studies.cluster"))
+    run(main)

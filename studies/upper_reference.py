@@ -10,6 +10,7 @@ these, so the result is an upper reference, not a baseline. The policies play th
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -72,10 +73,11 @@ class Args(Study):
 
 def main(args: Args) -> None:
     """Search, play the policies, print the table and write ``reference.csv``."""
-    rows, lines = [], []
+    rows: list[list[str]] = []
+    lines: list[dict[str, Any]] = []
     for name in args.scenarios:
         first, decisions = benchmark_seed(name, validation=True), round(scenario_from(name).duration)
-        given = {"autoreset_mode": "DISABLED", "gaze_period": 1.0, "end_when_lost": False}
+        given: dict[str, Any] = {"autoreset_mode": "DISABLED", "gaze_period": 1.0, "end_when_lost": False}
         with closing(gym.make_vec("ActiveSLAM-v0", num_envs=SAMPLES, scenario=name, **given)) as env:
             found = [search(env, first + k, decisions)[0] for k in range(args.episodes)]
         reference = estimate(found, "IQM")

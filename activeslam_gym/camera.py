@@ -17,8 +17,6 @@ from activeslam_gym.motion import QUATERNION
 Vector = np.ndarray | tuple[float, float, float]
 """Three numbers: an array (3,), or a tuple, which costs a kernel no allocation."""
 
-Pixel = np.ndarray | tuple[float, float]  # two numbers, likewise
-
 CAMERA, camera_of = constants(
     Scenario(),
     focal=lambda s: s.focal_px,  # f k_u = f k_v [px]
@@ -30,7 +28,7 @@ CAMERA, camera_of = constants(
     minimum_depth="f8",  # points nearer than this are not seen [m]
     maximum_distance=lambda s: math.inf if s.maximum_distance is None else s.maximum_distance,  # nor farther ones [m]
     pixel_std="f8",  # of the image noise, each axis [px]
-    command_known="b1",  # whether the motion is known between frames: see `slam.curvature`
+    command_known="b1",  # whether the motion is known between frames: see `slam.sight`
 )
 """The lens, in pixels where nothing else is said; and the filter's model of the noise of its measurements."""
 
@@ -96,7 +94,7 @@ def pixel_from_camera_point(camera: Record, p_C: Vector, z: np.ndarray) -> bool:
 
 
 @borrowing
-def inside_image(camera: Record, z: Pixel, margin: float) -> bool:
+def inside_image(camera: Record, z: np.ndarray, margin: float) -> bool:
     """Whether the pixel ``z`` (2,) lies inside the image grown by ``margin`` [px] on each side."""
     return -margin <= z[0] < camera.width + margin and -margin <= z[1] < camera.height + margin
 
@@ -118,7 +116,7 @@ def in_reach(view: View, y: tuple[float, float, float], margin: float, z: np.nda
     p_C = camera_point(view.R_WC, view.pose, y)
     if p_C[2] < view.camera.minimum_depth or not pixel_from_camera_point(view.camera, p_C, z):
         return False
-    return inside_image(view.camera, (z[0], z[1]), margin) and not hidden(view.boxes, view.pose, y)
+    return inside_image(view.camera, z, margin) and not hidden(view.boxes, view.pose, y)
 
 
 @borrowing

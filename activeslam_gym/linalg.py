@@ -149,7 +149,9 @@ def log2_det(A: np.ndarray) -> float:
 def subtract_symmetric(P: np.ndarray, V: np.ndarray, W: np.ndarray, n: int) -> None:
     """P[:n, :n] -= V^T W which is symmetric as P is; V, W (m, >= n): the upper triangle, whose copy is the lower."""
     subtract_from_upper(P, V, W, n)
-    _copy_upper_to_lower(P, n)
+    for i in range(1, n):
+        for j in range(i):
+            P[i, j] = P[j, i]
 
 
 @borrowing(fastmath=_FUSE)
@@ -160,20 +162,6 @@ def subtract_from_upper(P: np.ndarray, V: np.ndarray, W: np.ndarray, n: int) -> 
         subtract_from_one(P, i, V, W, m, i, n)
     for i in range(odd, n, 4):  # the rows of P once, and those of W, which are fewer, again and again
         _subtract_from_four(P, i, V, W, m, i, n)
-
-
-@borrowing
-def _copy_upper_to_lower(P: np.ndarray, n: int) -> None:
-    """P[i, j] = P[j, i] for j < i < n, four columns at a time: what a cache line holds is used while it is at hand."""
-    for first in range(0, n, 4):
-        last = min(first + 4, n)
-        for i in range(first + 1, last):
-            for j in range(first, i):
-                P[i, j] = P[j, i]
-        if last < n:
-            row0, row1, row2, row3 = P[first], P[first + 1], P[first + 2], P[first + 3]
-            for i in range(last, n):
-                P[i, first], P[i, first + 1], P[i, first + 2], P[i, first + 3] = row0[i], row1[i], row2[i], row3[i]
 
 
 @borrowing

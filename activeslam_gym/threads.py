@@ -81,25 +81,22 @@ class Workers:
         """
         if self._process != os.getpid():  # a forked child has neither the parent's threads nor their locks
             self._pool, self._process = None, os.getpid()
-        with self.alone:
-            self._call(kernel, *arguments)
-
-    def _call(self, kernel: Callable[..., Any], *arguments: Any) -> None:
         left = iter(self._slices)  # shared: each slice is given out once
-        if self.threads > 1 and self._pool is None:
-            self._pool = ThreadPoolExecutor(self.threads - 1, thread_name_prefix="activeslam")
 
         def work() -> None:
             for part in left:
                 kernel(*arguments, *part)
 
-        futures = [self._pool.submit(work) for _ in range(self.threads - 1)] if self._pool else []
-        try:
-            work()
-        finally:
-            wait(futures)
-        for future in futures:
-            future.result()
+        with self.alone:
+            if self.threads > 1 and self._pool is None:
+                self._pool = ThreadPoolExecutor(self.threads - 1, thread_name_prefix="activeslam")
+            futures = [self._pool.submit(work) for _ in range(self.threads - 1)] if self._pool else []
+            try:
+                work()
+            finally:
+                wait(futures)
+            for future in futures:
+                future.result()
 
     def close(self) -> None:
         """End the threads; a later call starts new ones."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from activeslam_gym import Scenario
 from activeslam_gym.camera import pixel_from_camera_point
-from activeslam_gym.slam.association import NEW
+from activeslam_gym.slam.detection import NEW
 from activeslam_gym.slam.filter import Filter, detections_of
 from activeslam_gym.slam.sight import Sight
 

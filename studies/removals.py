@@ -13,15 +13,13 @@ def _answers(signature: str, answer: str) -> str:
 REMOVALS: dict[str, dict[str, str]] = {
     "base": {},
     # association
-    "clear-matches": {
-        "slam/association": _answers("_match_clear(model, h, points, detections, pair_worth, of_point)", "False")
-    },
+    "clear-matches": {"slam/association": _answers("_match_clear(model, h, detections, of_point)", "False")},
     "side-by-side": {"slam/association": _answers("_has_twin(model, points, a)", "False")},
     "crowded": {"slam/association": _answers("_is_crowded(model, h, a, detections, id)", "False")},
     # update
-    "iteration": {"slam/correction": "ITERATIONS = 0"},
-    "products-once": {"slam/curvature": "PRODUCT_FRAMES, IMAGE_PRODUCT_FRAMES = 1.0, 1.0"},
-    "curvature-of-depths": {"slam/curvature": _answers("curvature_of_inverse_depth(P, rho, point, D)", "None")},
+    "iteration": {"slam/kalman": "ITERATIONS = 0"},
+    "products-once": {"slam/sight": "PRODUCT_FRAMES, IMAGE_PRODUCT_FRAMES = 1.0, 1.0"},
+    "curvature-of-depths": {"slam/sight": _answers("curvature_of_inverse_depth(P, rho, point, D)", "None")},
     # images: scenarios whose names end in "pixels"
     "appearance": {"vision/settings": "SIGHTED = replace(SIGHTED, score_weight=0.0)"},
     "mean-residuals": {"vision/settings": "SIGHTED = replace(SIGHTED, residual_weight=0.0)"},

@@ -23,8 +23,7 @@ from activeslam_gym.motion import CAMERA_DIM, QUATERNION
 from activeslam_gym.slam import belief as layout
 from activeslam_gym.slam.belief import KIND_DIM, POINT, RAY, Belief
 from activeslam_gym.slam.estimate import EstimateArrays, empty_estimates
-from activeslam_gym.slam.kalman import gain
-from activeslam_gym.slam.manifold import shift_mean, subtract_and_recentre
+from activeslam_gym.slam.kalman import gain, shift_mean, subtract_and_recentre
 from activeslam_gym.slam.map import append_feature
 from activeslam_gym.slam.sight import Sight, sight_of_belief
 

@@ -7,7 +7,7 @@ import pytest
 
 from activeslam_gym.config import DEPTH_PARTICLES, Scenario
 from activeslam_gym.slam.appearance import appearance_of, associate_identified
-from activeslam_gym.slam.association import DETECTION, REJECTED, UNASSOCIATED
+from activeslam_gym.slam.detection import DETECTION, REJECTED, UNASSOCIATED
 from activeslam_gym.slam.filter import Filter, detections_of
 from activeslam_gym.slam.sight import INSIDE, MAP_POINT, Sight
 

@@ -21,7 +21,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     # ground floor, from the bottom; names are inside `activeslam_gym`, and a package may always import itself
     "files": set(),
     "registry": set(),
-    "kernels": {"files"},
+    "linking": {"files"},
+    "kernels": {"linking"},
     "config": {"registry"},
     "threads": {"config"},
     "geometry": {"kernels"},

@@ -8,8 +8,7 @@ import pytest
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam import belief as layout
 from activeslam_gym.slam.belief import INVERSE_DEPTH, KIND_DIM, POINT, RAY, Belief
-from activeslam_gym.slam.kalman import propagate
-from activeslam_gym.slam.manifold import MINIMUM_INVERSE_DEPTH, shift_mean, subtract_and_recentre
+from activeslam_gym.slam.kalman import MINIMUM_INVERSE_DEPTH, propagate, shift_mean, subtract_and_recentre
 from activeslam_gym.slam.map import append_feature, convert_to_point, remove_feature, room_for
 
 from . import support

@@ -6,8 +6,8 @@ import pytest
 from activeslam_gym.camera import View
 from activeslam_gym.config import Scenario
 from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, RHO
-from activeslam_gym.slam.correction import correct
 from activeslam_gym.slam.filter import Filter, detections_of
+from activeslam_gym.slam.kalman import correct
 from activeslam_gym.slam.sight import measure, sight_with
 
 from .support import (

@@ -10,7 +10,7 @@ import pytest
 import baselines
 from activeslam_gym import SCENARIOS, Gaze, Motion
 from activeslam_gym.evaluation import run_episode
-from activeslam_gym.information.candidates import pose_after, propagated
+from activeslam_gym.information.candidates import goal_pose, propagate_by
 from agents.policies import resolve
 from baselines.greedy import Greedy
 from examples import extend_sensor
@@ -55,9 +55,10 @@ def test_the_criterion_is_the_drop_that_the_update_predicts() -> None:
         env.step((Motion.RIGHT, Gaze.LEFT))
     models, belief = env.unwrapped.setting.models, env.unwrapped.predicted_belief
     scores = env.unwrapped.motion_scores(env.unwrapped.scenario.motion_criterion)
-    P = propagated(models.motion, belief.covariance, 0.0, 20)
+    P = belief.covariance.copy()
+    propagate_by(models.motion, P, 0.0, 20)
     for index in Motion:
-        pose = pose_after(models.motion, belief.camera, int(index), 0.0, 20)
+        pose = goal_pose(models.motion, belief, belief.camera, int(index), 0.0, 20)
         H = numerical_sight(models.camera, belief, pose)
         S = H @ P @ H.T + models.camera.pixel_std**2 * np.eye(len(H))
         gain = P @ H.T @ np.linalg.solve(S, H @ P)

@@ -11,10 +11,10 @@ from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import so3_left_jacobian
 from activeslam_gym.kernels import filled, record, uncompiled
 from activeslam_gym.motion import MOTION, motion_of
-from activeslam_gym.slam.association import NEW, REJECTED, UNASSOCIATED, associate
+from activeslam_gym.slam.association import associate
 from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, RAY, fiducial_id
-from activeslam_gym.slam.curvature import IMAGE_PRODUCT_FRAMES, PRODUCT_FRAMES
 from activeslam_gym.slam.depth_particles import follow_rays, predict_rays
+from activeslam_gym.slam.detection import NEW, REJECTED, UNASSOCIATED
 from activeslam_gym.slam.filter import detections_of
 from activeslam_gym.slam.frame import (
     COUNTS,
@@ -27,7 +27,7 @@ from activeslam_gym.slam.frame import (
 )
 from activeslam_gym.slam.kalman import predict, update_contact
 from activeslam_gym.slam.map import convert_to_point
-from activeslam_gym.slam.sight import INSIDE
+from activeslam_gym.slam.sight import IMAGE_PRODUCT_FRAMES, INSIDE, PRODUCT_FRAMES
 from tests import support
 from tests.support import CAMERA, NO_BOXES, PAPER, copied, dense_H, joint_covariance, random_belief, sight_of, update
 

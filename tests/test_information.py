@@ -11,10 +11,10 @@ from scipy.linalg import block_diag
 import activeslam_gym  # noqa: F401  (registers the environment)
 from activeslam_gym.information import CRITERIA
 from activeslam_gym.information import candidates as c
+from activeslam_gym.information.candidates import UNLIMITED, SensorLimits
 from activeslam_gym.information.expectation import EXPECTED, find_counting, update_expectation, waiting_count
 from activeslam_gym.information.foreign import score_plans_with
 from activeslam_gym.information.net import net_of_plans
-from activeslam_gym.information.sensor_limits import UNLIMITED, SensorLimits
 from activeslam_gym.motion import Gaze, Motion, motion_of, open_loop, turn_of
 from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, Belief, point_belief
 from activeslam_gym.slam.map import remove_feature
@@ -146,7 +146,7 @@ def test_a_plan_is_worth_the_information_of_its_measurements_and_net_information
         turn = turn_of(MOTION, gaze, 0.0)
         F, Q = np.eye(len(P)), np.zeros_like(P)
         F[:12, :12], Q[:12, :12] = open_loop(MOTION, turn, frames)
-        P, pose = F @ P @ F.T + Q, c.pose_after(MOTION, pose, motion, turn, frames)
+        P, pose = F @ P @ F.T + Q, c.goal_pose(MOTION, belief, pose, motion, turn, frames)
         H, before = numerical_sight(CAMERA, belief, pose), P
         if not expected:  # net information is of one measurement a frame
             net, after = scores_of(belief, plans_of(both[:1]), "net_information")[0], P
@@ -232,9 +232,10 @@ def test_what_plans_share_changes_no_score(criterion: str) -> None:
 
 def test_no_frames_leave_the_covariance_unpropagated() -> None:
     belief, _ = case(2)
-    for turn in (0.0, 0.2):
-        np.testing.assert_array_equal(c.propagated(MOTION, belief.covariance, turn, 0), belief.covariance)
-    assert np.trace(c.propagated(MOTION, belief.covariance, 0.0, 3)) > np.trace(belief.covariance)
+    for turn, frames in ((0.0, 0), (0.2, 0), (0.0, 3)):
+        P = belief.covariance.copy()
+        c.propagate_by(MOTION, P, turn, frames)
+        assert (np.trace(P) > np.trace(belief.covariance)) == (frames > 0) != (P == belief.covariance).all()
     for criterion in CRITERIA:
         here = scores_of(belief, plans_of([(c.REMAIN, Gaze.STAY, 0)]), criterion)
         assert here[0] == pytest.approx(scored(belief, criterion), rel=1e-12) and here[0] > 0.0

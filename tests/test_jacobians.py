@@ -15,8 +15,8 @@ from activeslam_gym.slam import belief as layout
 from activeslam_gym.slam.belief import INVERSE_DEPTH, KIND_DIM, POINT, RAY
 from activeslam_gym.slam.depth_particles import predict_rays
 from activeslam_gym.slam.filter import filter_of
-from activeslam_gym.slam.initialisation import add_landmark
-from activeslam_gym.slam.manifold import subtract_and_recentre
+from activeslam_gym.slam.kalman import subtract_and_recentre
+from activeslam_gym.slam.map import add_landmark
 from activeslam_gym.slam.sight import inverse_depth_measurement, point_measurement
 
 from . import support

@@ -16,10 +16,8 @@ import pytest
 from numba import config
 from numba.core.dispatcher import Dispatcher
 
-from activeslam_gym import kernels
+from activeslam_gym import kernels, linking
 from activeslam_gym.config import Scenario
-from activeslam_gym.envs.reward import REWARDS
-from activeslam_gym.information import CRITERIA
 from activeslam_gym.kernels import compiled, constants, filled, inlined, one_of, record, row
 
 PACKAGE = Path(kernels.__file__).parent
@@ -120,7 +118,7 @@ class Tree(NamedTuple):
 
 def modules_with_kernels() -> list[ModuleType]:
     """Those whose content the cache's folder is named after."""
-    paths = [path for path in sorted(PACKAGE.rglob("*.py")) if any(s in path.read_bytes() for s in kernels._SIGNS)]
+    paths = [path for path in sorted(PACKAGE.rglob("*.py")) if any(s in path.read_bytes() for s in linking._SIGNS)]
     return [importlib.import_module(".".join(p.relative_to(PACKAGE.parent).with_suffix("").parts)) for p in paths]
 
 
@@ -208,22 +206,6 @@ def test_an_edit_of_a_module_with_kernels_has_a_cache_of_its_own(read_only: Path
     assert len({path.parent for path in kept_in(tmp_path / "cache")}) == 2
 
 
-@compiles
-def test_each_batch_of_kernels_is_announced(copy: Path) -> None:
-    """One line for kernels that are compiled one after another, and another for those that are asked for later."""
-    code = f"""
-import time
-from activeslam_gym import geometry, linalg
-{SMALL_KERNEL}
-geometry.quaternion_exp(np.ones(3))
-time.sleep(1.2)
-linalg.product(np.eye(2), np.eye(2))
-"""
-    done = run(code, copy)
-    assert done.returncode == 0, done.stderr
-    assert [("compiling" in line) for line in done.stderr.splitlines()] == [True, True]
-
-
 def test_importing_changes_nothing_in_the_process(copy: Path) -> None:
     code = """
 import gc, multiprocessing, sys, threading
@@ -243,13 +225,6 @@ assert (started, threading.active_count(), multiprocessing.active_children()) ==
 """
     done = run(code, copy)
     assert done.returncode == 0 and done.stderr == "", done.stderr
-
-
-def test_no_two_choices_have_one_name() -> None:
-    """Kernels that two processes compiled are linked by names: a choice once took the place of another, in silence."""
-    tables = [list(CRITERIA.values()), list(REWARDS.values())]
-    names = [one_of(table[k:]).__qualname__ for table in tables for k in range(len(table))]
-    assert len(set(names)) == len(names)
 
 
 def test_no_kernel_lets_the_compiler_reorder_sums() -> None:

@@ -11,19 +11,15 @@ from scipy.stats import multivariate_normal
 from activeslam_gym.config import Scenario
 from activeslam_gym.metrics import camera_error
 from activeslam_gym.slam.association import (
-    NEW,
-    REJECTED,
-    UNASSOCIATED,
     Hypotheses,
     associate,
     association_of,
-    condition,
     expected_unmapped,
+    hypotheses,
     match_jointly,
-    measure_distances,
-    worth_of_pair,
 )
 from activeslam_gym.slam.belief import INVERSE_DEPTH, NEVER, POINT
+from activeslam_gym.slam.detection import NEW, REJECTED, UNASSOCIATED, condition
 from activeslam_gym.slam.filter import Filter, detections_of
 from activeslam_gym.slam.sight import MAP_POINT, Sight
 
@@ -47,14 +43,10 @@ STRANGERS = 1.5
 # Joint matching -----------------------------------------------------------------------------------------------------
 
 
-def hypotheses(z: np.ndarray, S: np.ndarray, detections: np.ndarray) -> Hypotheses:
-    """All open, all free, all allowed; the camera's R is in ``S``."""
-    v, M = len(z) // 2, len(detections)
-    h = Hypotheses(
-        z.copy(), S - VAR * np.eye(2 * v), np.ones(v, bool), np.ones(M, bool), np.zeros((v, M)), np.full((v, M), np.inf)
-    )
-    measure_distances(h, detections)
-    return h
+def open_hypotheses(z: np.ndarray, S: np.ndarray, detections: np.ndarray) -> Hypotheses:
+    """All are allowed; the camera's R is in ``S``."""
+    points = np.zeros(len(z) // 2, MAP_POINT)
+    return hypotheses(points, z.copy(), S - VAR * np.eye(len(z)), detections)
 
 
 def scores_of_all(z: np.ndarray, S: np.ndarray, pixels: np.ndarray, unmapped: float) -> dict[tuple[int, ...], float]:
@@ -85,8 +77,11 @@ def scene(seed: int, points: int, extra: int) -> tuple[np.ndarray, np.ndarray, n
 def matched_jointly(z: np.ndarray, S: np.ndarray, pixels: np.ndarray, **model: float) -> np.ndarray:
     """(3,) the detection of each prediction or -1."""
     detections, of_point = detections_of(pixels), np.full(3, -1)
-    h, points = hypotheses(z, S, detections), np.zeros(3, MAP_POINT)  # of fiducials, which have no id that is positive
-    constants, worth = replaced(MODEL, **model), worth_of_pair(MODEL, STRANGERS)
+    h, points = (
+        open_hypotheses(z, S, detections),
+        np.zeros(3, MAP_POINT),
+    )  # of fiducials, which have no id that is positive
+    constants, worth = replaced(MODEL, **model), 0.5 * MODEL.clutter_cost - np.log(STRANGERS)
     assert match_jointly(constants, h, points, detections, worth, of_point)
     return of_point
 
@@ -107,7 +102,7 @@ def test_conditioning_is_the_gaussians() -> None:
     z, S, pixels = scene(3, 7, 0)
     detections = detections_of(pixels)
     detections["R"] = [random_spd(rng, np.ones(2)) for _ in detections]
-    h, partner = hypotheses(z, S, detections), {0: 2, 2: 0, 5: 1}
+    h, partner = open_hypotheses(z, S, detections), {0: 2, 2: 0, 5: 1}
     P, rest = h.S.copy(), np.repeat(~np.isin(np.arange(7), [*partner]), 2)
     for a, i in partner.items():
         condition(h.z, h.S, a, detections[i])
@@ -192,7 +187,7 @@ def test_a_filter_whose_ellipses_are_all_ambiguous_finds_its_way_back() -> None:
         true = moved(filter.belief.state.camera, error)
         pixels = np.array([pixel_of(CAMERA, true, y) for y in fiducials]) + 2.0 * rng.standard_normal((7, 2))
         sight, detections = filter.sight(), detections_of(pixels)
-        several = hypotheses(sight.point["z_hat"].ravel(), sight.S, detections).d2 < 9.21
+        several = open_hypotheses(sight.point["z_hat"].ravel(), sight.S, detections).d2 < 9.21
         assert np.sum(several, axis=1).mean() > 2  # by its own ellipse, a prediction may be several
         found = filter.update(detections)
         used = (found != NEW) & (found != REJECTED)

@@ -8,7 +8,7 @@ import pytest
 
 from activeslam_gym import SCENARIOS, ActiveSLAMVectorEnv, Scenario
 from activeslam_gym.config import ANYWHERE, CENTRE, CORNER, SURFACES, WALL
-from activeslam_gym.world.furniture import PASSAGE, draw_boxes, inside_any, reachable
+from activeslam_gym.world.furniture import PASSAGE
 from activeslam_gym.world.room import draw_room, varied
 
 BOX = ((1.0, -1.0, 1.0), (2.0, 0.5, 2.0))
@@ -34,38 +34,6 @@ def test_a_door_wider_than_its_wall_is_refused(walls: tuple[int, int]) -> None:
         Scenario(inner_walls=walls, door_width=2.3, varied=(("room_size", (3.0, 2.0, 4.0), (8.0, 2.0, 8.0)),))
     widest = Scenario(inner_walls=walls, door_width=5.2, start=ANYWHERE)
     assert len(draw_room(widest, np.random.default_rng(0)).boxes) <= 2
-
-
-# Ways through a room ------------------------------------------------------------------------------------------------
-
-
-def reachable_cell_by_cell(scenario: Scenario, boxes: np.ndarray, place: np.ndarray, margin: float) -> bool:
-    """`reachable`, by a flood over all cells of 0.1 m."""
-    half = 0.5 * np.array(scenario.room_size)
-    x, z = (np.arange(-h + margin, h - margin, 0.1) + 0.05 for h in (half[0], half[2]))
-    cells = np.stack(np.meshgrid(x, place[1], z, indexing="ij"), axis=-1).reshape(-1, 3)
-    free = ~inside_any(cells, boxes, margin).reshape(len(x), len(z))
-    todo = [(int(np.abs(x - place[0]).argmin()), int(np.abs(z - place[2]).argmin()))]
-    reached = np.zeros_like(free)
-    while todo:
-        i, j = todo.pop()
-        if 0 <= i < len(x) and 0 <= j < len(z) and free[i, j] and not reached[i, j]:
-            reached[i, j] = True
-            todo += [(i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)]
-    return bool(reached.any() and reached.sum() >= 0.97 * free.sum())
-
-
-def test_ways_are_those_of_a_search_cell_by_cell() -> None:
-    rng, answers = np.random.default_rng(0), []
-    for k in range(150):
-        size = tuple(np.round(rng.uniform(2.0, 7.0, 3), 1).tolist())
-        margin = float(rng.choice((0.1, 0.3)))
-        scenario = Scenario(room_size=size, box_count=(0, 8), inner_walls=(0, 3), wall_margin=margin)
-        boxes, place = np.round(draw_boxes(scenario, rng), 1), np.zeros(3)  # edges on cells, and the start between two
-        place[[0, 2]] = rng.uniform(-0.5, 0.5, 2) * np.array(size)[[0, 2]] * (k % 3 > 0)
-        answers.append(reachable(scenario, boxes, place, margin + 0.05))
-        assert answers[-1] == reachable_cell_by_cell(scenario, boxes, place, margin + 0.05)
-    assert 20 < sum(answers) < 130
 
 
 # Any legal scenario -------------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ import pytest
 
 from activeslam_gym.config import Scenario
 from activeslam_gym.evaluation import run_episode
-from activeslam_gym.slam.association import REJECTED
+from activeslam_gym.slam.detection import REJECTED
 from activeslam_gym.slam.filter import Filter, detections_of
 from baselines import Stay
 

@@ -18,8 +18,8 @@ from activeslam_gym.envs.identity import (
     true_id,
 )
 from activeslam_gym.envs.reward import REWARDS
-from activeslam_gym.slam.association import NEW, REJECTED, UNASSOCIATED
 from activeslam_gym.slam.belief import POINT, fiducial_id
+from activeslam_gym.slam.detection import NEW, REJECTED, UNASSOCIATED
 from activeslam_gym.slam.filter import detections_of
 from activeslam_gym.slam.map import append_feature, remove_feature
 from activeslam_gym.world.simulator import CLUTTER_LABEL

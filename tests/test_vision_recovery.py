@@ -9,7 +9,7 @@ pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
 from activeslam_gym.geometry import quaternion_exp, rotate_left, rotation_error, rotation_matrix
 from activeslam_gym.motion import CAMERA_DIM
-from activeslam_gym.slam.association import DETECTION, NEW
+from activeslam_gym.slam.detection import DETECTION, NEW
 from activeslam_gym.vision.diagnosis import Diagnosis, blemish
 from activeslam_gym.vision.first_sight import start_pose
 from activeslam_gym.vision.frontend import FrameLog, FrontEndSettings

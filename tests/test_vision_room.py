@@ -13,7 +13,7 @@ from activeslam_gym.camera import camera_of, ray_from_pixel
 from activeslam_gym.config import CENTRE, CLUSTERS, CORNER, SCENARIOS, WALL, NoRoomError, Scenario
 from activeslam_gym.geometry import quaternion_exp, rotate_left
 from activeslam_gym.kernels import filled
-from activeslam_gym.slam.association import DETECTION
+from activeslam_gym.slam.detection import DETECTION
 from activeslam_gym.vision.corners import new_corners
 from activeslam_gym.vision.first_sight import refine_corners
 from activeslam_gym.vision.room import scene as scene_module

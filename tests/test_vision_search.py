@@ -6,7 +6,7 @@ import pytest
 pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
 from activeslam_gym.kernels import filled
-from activeslam_gym.slam.association import DETECTION, REJECTED
+from activeslam_gym.slam.detection import DETECTION, REJECTED
 from activeslam_gym.slam.sight import MAP_POINT, Sight
 from activeslam_gym.vision.corners import new_corners
 from activeslam_gym.vision.search import FOUND, MISSING, SEARCH, UNSEARCHED, Findings, search

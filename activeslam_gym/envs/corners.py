@@ -20,9 +20,8 @@ from activeslam_gym.linalg import copy_into
 from activeslam_gym.slam.belief import feature_capacity, positions_of
 from activeslam_gym.slam.estimate import add_offsets, index_of
 from activeslam_gym.slam.frame import use_identified
-from activeslam_gym.slam.initialisation import add_landmark
 from activeslam_gym.slam.kalman import predict, update_contact, wander
-from activeslam_gym.slam.map import draw_bias, remove_id
+from activeslam_gym.slam.map import add_landmark, draw_bias, remove_id
 from activeslam_gym.slam.sight import INSIDE, sight_of_belief
 from activeslam_gym.vision.corners import new_corners
 from activeslam_gym.vision.room import textures

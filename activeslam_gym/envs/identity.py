@@ -6,8 +6,8 @@ import numpy as np
 
 from activeslam_gym.camera import distance_between
 from activeslam_gym.kernels import borrowing, compiled, record
-from activeslam_gym.slam.association import REJECTED, UNASSOCIATED
 from activeslam_gym.slam.belief import fiducial_id
+from activeslam_gym.slam.detection import REJECTED, UNASSOCIATED
 from activeslam_gym.slam.estimate import EstimateArrays, index_of
 from activeslam_gym.slam.map import free_slot
 from activeslam_gym.world.simulator import CLUTTER_LABEL

@@ -12,7 +12,7 @@ from activeslam_gym.information.expectation import WAITING
 from activeslam_gym.kernels import compiled
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import QUATERNION
-from activeslam_gym.slam.association import REJECTED
+from activeslam_gym.slam.detection import REJECTED
 from activeslam_gym.slam.estimate import index_of
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.frontend import FrontEnd

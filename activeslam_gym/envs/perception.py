@@ -26,7 +26,7 @@ from activeslam_gym.motion import POSITION, QUATERNION
 from activeslam_gym.registry import array_of, asked, name_of, part_of
 from activeslam_gym.sensors.points import PointSensor
 from activeslam_gym.sensors.sensor import CORNERS, IMAGES, POINTS, SENSORS, Detections
-from activeslam_gym.slam.association import REJECTED
+from activeslam_gym.slam.detection import REJECTED
 from activeslam_gym.slam.ekf import ESTIMATORS
 from activeslam_gym.slam.estimate import Estimate, put_estimate
 from activeslam_gym.slam.estimator import COMPILED, Measurements

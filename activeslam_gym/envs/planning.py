@@ -4,9 +4,8 @@ import numpy as np
 
 from activeslam_gym.envs.observation import FARTHEST_CLEARANCE
 from activeslam_gym.envs.run import Run, known_boxes, present, run_at
-from activeslam_gym.information.candidates import PredictedBelief, predicted_belief_of, score_plans
+from activeslam_gym.information.candidates import PredictedBelief, SensorLimits, predicted_belief_of, score_plans
 from activeslam_gym.information.net import net_of_plans
-from activeslam_gym.information.sensor_limits import SensorLimits
 from activeslam_gym.kernels import compiled
 from activeslam_gym.motion import MOTION_COUNT
 

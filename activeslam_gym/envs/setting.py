@@ -20,8 +20,8 @@ from activeslam_gym.config import (
 from activeslam_gym.envs.observation import ObservationLayout, layout_of
 from activeslam_gym.envs.reward import REWARDS, Potential
 from activeslam_gym.envs.run import MODELS, TASK
+from activeslam_gym.information.candidates import UNLIMITED, SensorLimits
 from activeslam_gym.information.criteria import CRITERIA
-from activeslam_gym.information.sensor_limits import UNLIMITED, SensorLimits
 from activeslam_gym.kernels import Record, filled
 from activeslam_gym.motion import motion_of
 from activeslam_gym.registry import name_of, number_of, part_of

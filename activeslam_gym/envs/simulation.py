@@ -18,7 +18,6 @@ from activeslam_gym.kernels import compiled, row
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import POSITION, QUATERNION, accelerations, goal_by, turn_by
 from activeslam_gym.sensors.sensor import TEXTURED
-from activeslam_gym.slam.association import DETECTION, UNASSOCIATED
 from activeslam_gym.slam.belief import (
     empty_beliefs,
     feature_capacity,
@@ -27,6 +26,7 @@ from activeslam_gym.slam.belief import (
     write_outline,
     write_points,
 )
+from activeslam_gym.slam.detection import DETECTION, UNASSOCIATED
 from activeslam_gym.slam.estimate import empty_estimates
 from activeslam_gym.slam.frame import filter_frame
 from activeslam_gym.slam.kalman import update_contact

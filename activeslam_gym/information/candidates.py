@@ -14,7 +14,6 @@ from activeslam_gym.geometry import rotate_left, rotation_matrix
 from activeslam_gym.information.criteria import criterion_of_number
 from activeslam_gym.information.entropy import gathered
 from activeslam_gym.information.expectation import WAITING, waiting_count
-from activeslam_gym.information.sensor_limits import UNLIMITED, SensorLimits
 from activeslam_gym.kernels import Record, compiled, record
 from activeslam_gym.linalg import cholesky_in_place, copy_block, copy_into, solve_transposed, subtract_symmetric
 from activeslam_gym.motion import (
@@ -45,6 +44,22 @@ ACTION = record(
 """A candidate action."""
 REMAIN = -1  # in place of a motion: the present position, even where it is outside of what goals are clipped to
 TURNING = ANGULAR_VELOCITY.start + 1  # where the rate about the vertical stands in a camera's mean
+
+
+class SensorLimits(NamedTuple):
+    """The limits of a sensor beside the image's border, occlusion and the greatest distance.
+
+    The sensor `points` measures everything in view. The front end of `images` knows a feature by its appearance, so it
+    measures none that it would see too differently; and it initialises features only while few are in view.
+    """
+
+    greatest_change: float
+    """Of a feature's view since it was initialised, up to which it is measured [rad]."""
+    wanted: int
+    """Features and fiducials in view up to which new ones are initialised."""
+
+
+UNLIMITED = SensorLimits(math.inf, 2**62)  # those of `points`
 
 
 class PredictedBelief(NamedTuple):
@@ -107,27 +122,21 @@ def predicted_belief_of(
 
 
 @compiled
-def pose_after(motion: Record, camera: np.ndarray, index: int, turn: float, frames: int) -> np.ndarray:
-    """The camera (13,) at the clipped goal of a motion (or REMAIN), after ``frames`` frames of turning at ``turn``.
-
-    [rad/s], as the rate loop makes it from the present rate. It is at rest but for that turning.
-    """
-    out = np.zeros(CAMERA_SIZE)
-    turned, out[TURNING] = turned_by(motion, camera[TURNING], turn, frames)
-    copy_into(out[POSITION], goal_of(motion, camera, index) if index != REMAIN else camera[POSITION])
-    copy_into(out[QUATERNION], rotate_left(np.array((0.0, turned, 0.0)), camera[QUATERNION]))
-    return out
-
-
-@compiled
 def goal_pose(
     motion: Record, belief: PredictedBelief, pose: np.ndarray, index: int, turn: float, frames: int
 ) -> np.ndarray:
-    """`pose_after` from ``pose`` (13,), short of what is in the way."""
-    after = pose_after(motion, pose, index, turn, frames)
+    """The camera (13,) at the clipped goal of a motion (or REMAIN) from ``pose``, after ``frames`` frames of turning at
+    ``turn`` [rad/s], as the rate loop makes it from the present rate; short of what is in the way.
+
+    It is at rest but for that turning.
+    """
+    out = np.zeros(CAMERA_SIZE)
+    turned, out[TURNING] = turned_by(motion, pose[TURNING], turn, frames)
+    copy_into(out[POSITION], goal_of(motion, pose, index) if index != REMAIN else pose[POSITION])
+    copy_into(out[QUATERNION], rotate_left(np.array((0.0, turned, 0.0)), pose[QUATERNION]))
     if motion.bodies:
-        stop_short(motion, belief, pose, after)
-    return after
+        stop_short(motion, belief, pose, out)
+    return out
 
 
 @compiled
@@ -136,14 +145,6 @@ def propagate_by(motion: Record, P: np.ndarray, turn: float, frames: int) -> Non
     if frames > 0:
         F, Q = open_loop(motion, turn, frames)
         propagate(P, P.shape[0], F, Q)
-
-
-@compiled
-def propagated(motion: Record, P: np.ndarray, turn: float, frames: int) -> np.ndarray:
-    """The covariance after ``frames`` frames of turning at ``turn`` [rad/s] without a measurement."""
-    out = P.copy()
-    propagate_by(motion, out, turn, frames)
-    return out
 
 
 @compiled
@@ -297,18 +298,21 @@ def checked_plans(plans: Any) -> np.ndarray:
     return np.ascontiguousarray(array)
 
 
+def _plans(motions: Any, gazes: Any, frames: int) -> np.ndarray:
+    """Plans (A, L) of these motions and gazes, which are broadcast against each other, of ``frames`` frames each."""
+    plans = np.zeros(np.broadcast(motions, gazes).shape, ACTION)
+    plans["motion"], plans["gaze"], plans["frames"] = motions, gazes, frames
+    return plans
+
+
 def motion_plans(frames: int, gaze: int = Gaze.STAY) -> np.ndarray:
     """(7, 1): each motion, with ``gaze`` held."""
-    plans = np.zeros((MOTION_COUNT, 1), ACTION)
-    plans["motion"][:, 0], plans["gaze"], plans["frames"] = range(MOTION_COUNT), gaze, frames
-    return plans
+    return _plans(np.arange(MOTION_COUNT)[:, None], gaze, frames)
 
 
 def gaze_plans(frames: int) -> np.ndarray:
     """(3, 1): each gaze, from the present position."""
-    plans = np.zeros((GAZE_COUNT, 1), ACTION)
-    plans["motion"], plans["gaze"][:, 0], plans["frames"] = REMAIN, range(GAZE_COUNT), frames
-    return plans
+    return _plans(REMAIN, np.arange(GAZE_COUNT)[:, None], frames)
 
 
 def joint_plans(frames: int) -> np.ndarray:
@@ -318,10 +322,8 @@ def joint_plans(frames: int) -> np.ndarray:
 
 def sequence_plans(frames: int, horizon: int) -> np.ndarray:
     """(7^horizon, horizon): every sequence of motions, in order, gaze STAY."""
-    plans = np.zeros((MOTION_COUNT**horizon, horizon), ACTION)
-    plans["motion"] = np.stack(np.unravel_index(np.arange(len(plans)), (MOTION_COUNT,) * horizon), axis=-1)
-    plans["gaze"], plans["frames"] = Gaze.STAY, frames
-    return plans
+    motions = np.indices((MOTION_COUNT,) * horizon).reshape(horizon, -1).T
+    return _plans(motions, Gaze.STAY, frames)
 
 
 def held_plans(frames: int, count: int) -> np.ndarray:

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from activeslam_gym.kernels import Record, compiled
+from activeslam_gym.kernels import Record, borrowing, compiled
 from activeslam_gym.linalg import cholesky_in_place, log2_det, log2_det_of_factor, submatrix
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.sight import POSE_DIM
@@ -64,7 +64,16 @@ def traces(landmark_var: np.ndarray, waiting: int, covariance: np.ndarray, count
 
     The features ``counting``, by position k, count.
     """
-    points = waiting * np.sum(landmark_var)
+    points = waiting * (landmark_var[0] + landmark_var[1] + landmark_var[2])
     for k in counting:
-        points += np.trace(covariance[CAMERA_DIM + 3 * k :, CAMERA_DIM + 3 * k :][:3, :3])
-    return points + np.trace(covariance[:3, :3]), points + np.trace(covariance[:CAMERA_DIM, :CAMERA_DIM])
+        points += trace(covariance, CAMERA_DIM + 3 * k, 3)
+    return points + trace(covariance, 0, 3), points + trace(covariance, 0, CAMERA_DIM)
+
+
+@borrowing
+def trace(A: np.ndarray, start: int, count: int) -> float:
+    """Sum of ``count`` diagonal entries from ``start`` on."""
+    total = 0.0
+    for i in range(start, start + count):
+        total += A[i, i]
+    return total

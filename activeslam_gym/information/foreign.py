@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from activeslam_gym.information.candidates import PredictedBelief, goal_pose, propagated, updated
+from activeslam_gym.information.candidates import PredictedBelief, goal_pose, propagate_by, updated
 from activeslam_gym.information.criteria import CRITERIA, Criterion
 from activeslam_gym.kernels import Record
 from activeslam_gym.linalg import cholesky_in_place, log2_det
@@ -44,7 +44,8 @@ def score_plans_with(
                 break
             turn = turn_of(motion, int(action["gaze"]), time + elapsed * float(motion.dt))
             taken = min(int(action["frames"]), frames - elapsed) if net else int(action["frames"])
-            before, P = P, propagated(motion, P, turn, taken)
+            before, P = P, P.copy()
+            propagate_by(motion, P, turn, taken)
             if net:
                 position_std[a] = max(position_std[a], math.sqrt(max(np.trace(P[POSITION, POSITION]), 0.0)))
                 out[a] -= 0.5 * (log2_det(P) - log2_det(before))

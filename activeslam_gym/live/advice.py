@@ -7,11 +7,16 @@ exploration worthwhile, and entropies have a constant dimension.
 import numpy as np
 
 from activeslam_gym.config import Scenario
-from activeslam_gym.information.candidates import PredictedBelief, motion_plans, predicted_belief_of, score_plans
+from activeslam_gym.information.candidates import (
+    PredictedBelief,
+    SensorLimits,
+    motion_plans,
+    predicted_belief_of,
+    score_plans,
+)
 from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.information.entropy import gathered, log2_dets
 from activeslam_gym.information.expectation import EXPECTED, WAITING, update_expectation
-from activeslam_gym.information.sensor_limits import SensorLimits
 from activeslam_gym.kernels import record
 from activeslam_gym.linalg import cholesky_in_place
 from activeslam_gym.motion import MOTION_COUNT, Motion, motion_of

@@ -21,15 +21,7 @@ import numpy as np
 
 from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, borrowing, compiled, constants
-from activeslam_gym.linalg import squared_distance
-from activeslam_gym.slam.association import (
-    REJECTED,
-    chi_square_2_quantile,
-    condition,
-    distance_and_det,
-    innovation_of,
-    predicted_pixels,
-)
+from activeslam_gym.slam.detection import REJECTED, chi_square_2_quantile, condition, distance_and_det, predicted_pixels
 from activeslam_gym.slam.sight import Sight
 
 APPEARANCE, appearance_of = constants(
@@ -103,28 +95,15 @@ def _best(
 def _agreement(
     model: Record, z: np.ndarray, S: np.ndarray, detections: np.ndarray, of_detection: np.ndarray, seed: int
 ) -> float:
-    """Sum over the other predictions of the worth of their best detection, given that the ``seed`` is what it may be.
-
-    As `condition` does it to all predictions, to one: S_b - G S_ab and z_b + G nu_a, G = S_ba (S_a + R)^-1.
-    """
+    """Sum over the other predictions of the worth of their best detection, given that the ``seed`` is of its own."""
     a, best = of_detection[seed], np.zeros(z.shape[0] // 2)
-    s00, s01, s11 = innovation_of(S, a, detections[seed])
-    det = max(s00 * s11 - s01 * s01, 1e-300)
-    x, y = detections[seed].pixel[0] - z[2 * a], detections[seed].pixel[1] - z[2 * a + 1]
+    z, S = z.copy(), S.copy()
+    condition(z, S, a, detections[seed])
     for i in range(detections.shape[0]):
         b = of_detection[i]
-        if b < 0 or b == a:
-            continue
-        p, q, r, t = S[2 * b, 2 * a], S[2 * b, 2 * a + 1], S[2 * b + 1, 2 * a], S[2 * b + 1, 2 * a + 1]
-        g00, g01 = (s11 * p - s01 * q) / det, (s00 * q - s01 * p) / det
-        g10, g11 = (s11 * r - s01 * t) / det, (s00 * t - s01 * r) / det
-        e00, e01, e11 = innovation_of(S, b, detections[i])
-        u = detections[i].pixel[0] - z[2 * b] - g00 * x - g01 * y
-        w = detections[i].pixel[1] - z[2 * b + 1] - g10 * x - g11 * y
-        d2, det_b = squared_distance(
-            e00 - (g00 * p + g01 * q), e01 - (g00 * r + g01 * t), e11 - (g10 * r + g11 * t), u, w
-        )
-        best[b] = max(best[b], _worth(model, detections[i], d2, det_b))
+        if b >= 0 and b != a:
+            d2, det = distance_and_det(z, S, b, detections[i])
+            best[b] = max(best[b], _worth(model, detections[i], d2, det))
     return best.sum()
 
 

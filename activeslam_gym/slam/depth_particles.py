@@ -14,8 +14,8 @@ from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, borrowing, compiled, constants
 from activeslam_gym.linalg import copy_into, diagonal, sum_of_squares
 from activeslam_gym.motion import POSITION
-from activeslam_gym.slam.association import NEW, REJECTED, UNASSOCIATED, chi_square_2_quantile, distance_by_own_noise
 from activeslam_gym.slam.belief import ANCHOR, AZIMUTH, ELEVATION, KIND_DIM, RAY, Belief, bearing
+from activeslam_gym.slam.detection import NEW, REJECTED, UNASSOCIATED, chi_square_2_quantile, distance_by_own_noise
 from activeslam_gym.slam.sight import INSIDE, own_innovation, point_measurement, visibility_of
 
 PARTICLES, particles_of = constants(

@@ -17,7 +17,7 @@ from activeslam_gym.camera import ray_from_pixel
 from activeslam_gym.config import KNOWN, Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, POSITION, QUATERNION
-from activeslam_gym.slam.association import NEW, REJECTED, associate
+from activeslam_gym.slam.association import associate
 from activeslam_gym.slam.belief import (
     INVERSE_DEPTH,
     KIND_DIM,
@@ -26,19 +26,27 @@ from activeslam_gym.slam.belief import (
     point_of,
     reset_belief,
 )
-from activeslam_gym.slam.correction import ITERATIONS, STRAIGHT_PX
-from activeslam_gym.slam.curvature import PRODUCT_FRAMES
 from activeslam_gym.slam.depth_particles import follow_rays
+from activeslam_gym.slam.detection import NEW, REJECTED
 from activeslam_gym.slam.estimate import Estimate, taken_estimate
 from activeslam_gym.slam.estimator import EKF, EKF_PLAIN, Measurements
 from activeslam_gym.slam.filter import Filter, detections_of
 from activeslam_gym.slam.frame import count_misses, match_by_id
-from activeslam_gym.slam.initialisation import add_landmark, delete_failed, follow_tracks, promote
-from activeslam_gym.slam.kalman import gain, predict, update_contact
-from activeslam_gym.slam.manifold import MINIMUM_INVERSE_DEPTH, rotated, shift_mean, subtract_and_recentre, turning
-from activeslam_gym.slam.map import append_feature, room_for
+from activeslam_gym.slam.kalman import (
+    ITERATIONS,
+    MINIMUM_INVERSE_DEPTH,
+    STRAIGHT_PX,
+    gain,
+    predict,
+    rotated,
+    shift_mean,
+    subtract_and_recentre,
+    turning,
+    update_contact,
+)
+from activeslam_gym.slam.map import add_landmark, append_feature, delete_failed, follow_tracks, promote, room_for
 from activeslam_gym.slam.restart import contradicted, restart
-from activeslam_gym.slam.sight import MAP_POINT, NEAR, POSE_DIM, Sight, sight_of_belief, sight_with
+from activeslam_gym.slam.sight import MAP_POINT, NEAR, POSE_DIM, PRODUCT_FRAMES, Sight, sight_of_belief, sight_with
 
 _DEPTHS = 0.2 * 1.15 ** np.arange(35.0)  # where the depth of a new landmark is looked for first: 0.2 to 23 m
 _STEPS = 10  # of Gauss and Newton from there
@@ -130,7 +138,7 @@ class Ekf:
     def correct(self, points: np.ndarray, values: np.ndarray, noise: np.ndarray) -> None:
         """x ⊞ delta, P - W^T W by the ``values`` (m, d), with their ``noise`` (m, d, d), of m ``points``.
 
-        The iterated Kalman filter of `correction.correct`. Where S has no factor, nothing is changed.
+        The iterated Kalman filter of `kalman.correct`. Where S has no factor, nothing is changed.
         """
         belief, dim = self.belief, self.belief.state.dim
         P, places, value = belief.covariance[:dim, :dim], np.zeros((len(points), 3)), values.ravel()
@@ -147,7 +155,7 @@ class Ekf:
             shift_mean(belief, delta)
             z, H_next = self.linearised(points, places)
             bends = (size * np.abs(z.ravel() - line - H @ delta)).max() > STRAIGHT_PX  # not where a point is behind
-            if bends:  # H by the tangent that P is of; see `correction.correct`
+            if bends:  # H by the tangent that P is of; see `kalman.correct`
                 H = H_next.reshape(len(value), dim)
                 H[:, D_ROTATION] = H[:, D_ROTATION] @ rotated(belief, delta) + H @ turning(belief, delta).T
                 line = z.ravel() - H @ delta

@@ -170,12 +170,8 @@ def add_offsets(estimate: EstimateArrays, first_seen: np.ndarray, angle: float) 
 
 @borrowing
 def index_of(estimate: EstimateArrays, id: int) -> int:
-    """Where the landmark with that ``id`` stands, or -1. Ids increase."""
-    low, high = 0, estimate.state.count
-    while low < high:
-        middle = (low + high) // 2
-        if estimate.landmark[middle].id < id:
-            low = middle + 1
-        else:
-            high = middle
-    return low if low < estimate.state.count and estimate.landmark[low].id == id else -1
+    """Where the landmark with that ``id`` stands, or -1."""
+    for k in range(estimate.state.count):
+        if estimate.landmark[k].id == id:
+            return k
+    return -1

@@ -12,7 +12,7 @@ from activeslam_gym.config import Scenario
 from activeslam_gym.slam.estimate import Estimate
 
 EKF, EKF_PLAIN = COMPILED = "ekf", "ekf-plain"
-"""The compiled estimators, of which the environments run whole steps in one kernel; see `slam.manifold`."""
+"""The compiled estimators, of which the environments run whole steps in one kernel; see `slam.kalman`."""
 NO_MATCH = 0  # in place of an id: a measurement of no known landmark
 
 

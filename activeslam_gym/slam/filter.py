@@ -10,13 +10,11 @@ from activeslam_gym.camera import CAMERA, camera_of
 from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import filled, record, row
 from activeslam_gym.motion import CAMERA_DIM, CAMERA_SIZE, MOTION, motion_of
-from activeslam_gym.slam.association import DETECTION, UNASSOCIATED
 from activeslam_gym.slam.belief import (
     AZIMUTH,
     INVERSE_DEPTH,
     KIND_DIM,
     MOST_BIASED,
-    POINT,
     Belief,
     empty_beliefs,
     mapped_of,
@@ -25,11 +23,11 @@ from activeslam_gym.slam.belief import (
     start_of,
     write_estimate,
 )
+from activeslam_gym.slam.detection import DETECTION, UNASSOCIATED
 from activeslam_gym.slam.estimate import Estimate, EstimateArrays, empty_estimates, taken_estimate
 from activeslam_gym.slam.frame import COUNTS, FILTER, filter_of, initialise, use_detections, use_identified
-from activeslam_gym.slam.initialisation import add_landmark
 from activeslam_gym.slam.kalman import predict, update_contact, wander
-from activeslam_gym.slam.map import draw_bias, remove_feature
+from activeslam_gym.slam.map import add_landmark, draw_bias, remove_feature
 from activeslam_gym.slam.sight import MAP_POINT, Sight, sight_of_belief
 
 _MODELS = record(camera=CAMERA, motion=MOTION, filter=FILTER)
@@ -265,11 +263,6 @@ class Filter:
     def ids(self) -> np.ndarray:
         """(n,) of the features, oldest first."""
         return self.belief.feature["serial"][: self.belief.state.count].copy()
-
-    @property
-    def vague(self) -> np.ndarray:
-        """(n,) whether each feature has more numbers than a point, since its depth is unknown, oldest first."""
-        return self.belief.feature["kind"][: self.belief.state.count] != POINT
 
     @property
     def capacity(self) -> int:

@@ -11,15 +11,21 @@ from activeslam_gym.kernels import Record, borrowing, compiled, constants, recor
 from activeslam_gym.linalg import copy_into, submatrix
 from activeslam_gym.motion import POSITION
 from activeslam_gym.slam.appearance import appearance_of, associate_identified
-from activeslam_gym.slam.association import NEW, REJECTED, UNASSOCIATED, associate, association_of
+from activeslam_gym.slam.association import associate, association_of
 from activeslam_gym.slam.belief import Belief
-from activeslam_gym.slam.correction import correct
-from activeslam_gym.slam.curvature import IMAGE_PRODUCT_FRAMES, PRODUCT_FRAMES
 from activeslam_gym.slam.depth_particles import follow_rays, particles_of
-from activeslam_gym.slam.initialisation import add_landmark, delete_failed, follow_tracks, initialisation_of, promote
-from activeslam_gym.slam.kalman import predict
+from activeslam_gym.slam.detection import NEW, REJECTED, UNASSOCIATED
+from activeslam_gym.slam.kalman import correct, predict
+from activeslam_gym.slam.map import add_landmark, delete_failed, follow_tracks, initialisation_of, promote
 from activeslam_gym.slam.restart import contradicted, restart, restart_of
-from activeslam_gym.slam.sight import INSIDE, Sight, pixel_rows, sight_of_belief
+from activeslam_gym.slam.sight import (
+    IMAGE_PRODUCT_FRAMES,
+    INSIDE,
+    PRODUCT_FRAMES,
+    Sight,
+    pixel_rows,
+    sight_of_belief,
+)
 
 FILTER, filter_of = constants(
     Scenario(),
@@ -95,7 +101,8 @@ def use_detections(
         of_point = associate(model.association, sight, detections, belief.state.count, waits)
     if belief.particles.shape[1] > 0:
         follow_rays(models.camera, model.particles, belief, boxes, detections, labelled)
-    counts.rejected_matches += np.sum(detections["match"] == REJECTED)
+    for one in detections:
+        counts.rejected_matches += one.match == REJECTED
     if contradicted(model.restart, belief, sight, detections, of_point, waits):
         counts.deletions += belief.state.count
         counts.restarts += 1
@@ -125,7 +132,8 @@ def use_identified(
     in the same frame.
     """
     of_point = associate_identified(models.filter.appearance, sight, detections, least)
-    counts.rejected_matches += np.sum(detections["match"] == REJECTED)
+    for one in detections:
+        counts.rejected_matches += one.match == REJECTED
     everything = np.ones(of_point.shape[0], np.bool_)
     count_misses(models.filter.initialisation, belief, fiducials.shape[0], sight, of_point, everything)
     frames = IMAGE_PRODUCT_FRAMES if models.camera.command_known else 1.0

@@ -1,19 +1,244 @@
-"""Changes of the map: a feature joins it, leaves it, or turns into a point."""
+"""The map: from unexplained detections to features; a feature joins it, turns into a point, or leaves it.
+
+Only `add_landmark` and `promote` know which of the two initialisers is at work.
+"""
+
+import math
 
 import numpy as np
 
-from activeslam_gym.kernels import borrowing, compiled
-from activeslam_gym.linalg import add_product, add_symmetric_product, copy_block, copy_into
-from activeslam_gym.motion import CAMERA_DIM
+from activeslam_gym import config
+from activeslam_gym.camera import (
+    camera_from_world,
+    pixel_from_camera_point,
+    ray_from_pixel,
+    ray_jacobian,
+    world_from_camera,
+)
+from activeslam_gym.config import Scenario
+from activeslam_gym.geometry import rotation_matrix, skew
+from activeslam_gym.kernels import Record, borrowing, compiled, constants
+from activeslam_gym.linalg import add_product, add_symmetric_product, copy_block, copy_into, product
+from activeslam_gym.motion import CAMERA_DIM, D_ROTATION, POSITION, QUATERNION
 from activeslam_gym.slam.belief import (
+    AZIMUTH,
+    ELEVATION,
     FEATURE_SIZE,
+    INVERSE_DEPTH,
     KIND_DIM,
     NEVER,
     POINT,
+    RAY,
+    RHO,
     Belief,
+    angles_of,
+    bearing,
+    depth_ratio,
     point_marginal,
     point_of,
 )
+from activeslam_gym.slam.depth_particles import scatter_particles
+from activeslam_gym.slam.detection import NEW
+
+TRACK_RADIUS_PX = 15.0
+"""A track is followed to the nearest new detection within this distance of where its direction projects [px]."""
+
+INITIALISATION, initialisation_of = constants(
+    Scenario(),
+    new_feature_detections="i8",
+    inverse_depth=lambda s: s.initialisation == config.INVERSE_DEPTH,  # features begin as INVERSE_DEPTH, or as RAY
+    rho_mean=lambda s: s.inverse_depth_mean,  # first inverse depth [1/m]
+    rho_std=lambda s: s.inverse_depth_std,
+    # an INVERSE_DEPTH feature out of sight for longer is deleted:
+    memory_frames=lambda s: round(s.inverse_depth_memory / s.frame_time),
+    linearity_threshold="f8",  # linearity index under which it becomes a point
+    mapped_depth_ratio="f8",
+    ray_capacity="i8",
+    ray_age_frames=lambda s: round(s.ray_age / s.frame_time),  # a RAY that is older is deleted
+    maximum_misses="i8",
+    miss_spacing="f8",  # misses from places nearer to each other count once [m]
+)
+"""Constants of initialisations, conversions and deletions; see the fields of `Scenario`."""
+
+
+# Tracks -------------------------------------------------------------------------------------------------------------
+
+
+@compiled
+def follow_tracks(camera: Record, model: Record, belief: Belief, detections: np.ndarray) -> np.ndarray:
+    """Follow detections (M,) that nothing explains; returns the indices of those that now deserve a feature.
+
+    A track is a world direction (its parallax in a frame is small), dropped at the first frame without a NEW detection
+    near it.
+    """
+    R_WC, tracks = rotation_matrix(belief.state.camera[QUATERNION]), belief.track
+    taken, ripe, count = detections["match"] != NEW, np.empty(detections.shape[0], np.int64), 0
+    for t in range(tracks.shape[0]):
+        if tracks[t].hits == 0:
+            continue
+        i = _nearest_detection(camera, R_WC, tracks[t].direction, detections, taken)
+        if i < 0:
+            tracks[t].hits = 0
+            continue
+        taken[i] = True
+        tracks[t].hits += 1
+        copy_into(tracks[t].direction, direction_of(camera, R_WC, detections[i].pixel))
+        if tracks[t].hits >= model.new_feature_detections:
+            ripe[count] = i
+            count += 1
+            tracks[t].hits = 0
+    t = 0
+    for i in range(detections.shape[0]):
+        while t < tracks.shape[0] and tracks[t].hits > 0:
+            t += 1
+        if t < tracks.shape[0] and not taken[i]:
+            tracks[t].hits = 1
+            copy_into(tracks[t].direction, direction_of(camera, R_WC, detections[i].pixel))
+    return ripe[:count]
+
+
+@compiled
+def direction_of(camera: Record, R_WC: np.ndarray, pixel: np.ndarray) -> np.ndarray:
+    """World direction (3,) of a pixel, of any length: R r(z)."""
+    return np.array(world_from_camera(R_WC, ray_from_pixel(camera, pixel)))
+
+
+@compiled
+def _nearest_detection(
+    camera: Record, R_WC: np.ndarray, direction: np.ndarray, detections: np.ndarray, taken: np.ndarray
+) -> int:
+    """Index of the free detection nearest to where ``direction`` projects, within the radius, or -1."""
+    z, h = np.empty(2), (direction[0], direction[1], direction[2])
+    if not pixel_from_camera_point(camera, camera_from_world(R_WC, h), z):
+        return -1
+    best, nearest = -1, TRACK_RADIUS_PX**2
+    for i in range(detections.shape[0]):
+        pixel = detections[i].pixel
+        square = (pixel[0] - z[0]) ** 2 + (pixel[1] - z[1]) ** 2
+        if not taken[i] and square < nearest:
+            best, nearest = i, square
+    return best
+
+
+# Initialisation -----------------------------------------------------------------------------------------------------
+
+
+@compiled
+def add_landmark(camera: Record, model: Record, rays: Record, belief: Belief, pixel: np.ndarray, R: np.ndarray) -> int:
+    """Add the feature seen at ``pixel`` (2,) with noise ``R`` (2, 2); returns its id, or NEW if there is no room.
+
+    Both kinds begin with the anchor and the direction of the line of sight; inverse depth adds a Gaussian rho,
+    independent of the rest. ``rays``: PARTICLES.
+    """
+    kind = INVERSE_DEPTH if model.inverse_depth else RAY
+    width, rays_in_use = KIND_DIM[kind], np.sum(belief.feature["kind"][: belief.state.count] == RAY)
+    if not room_for(belief, width) or (kind == RAY and rays_in_use >= model.ray_capacity):
+        return NEW
+    mean, J_x, Q = line_of_sight(camera, belief.state.camera, pixel, R)
+    mean[RHO] = model.rho_mean
+    Q[RHO, RHO] = model.rho_std**2
+    k = append_feature(belief, kind, mean, J_x[:width], Q)
+    if kind == RAY:
+        scatter_particles(rays, belief, k)
+    return belief.feature[k].serial
+
+
+@compiled
+def line_of_sight(
+    lens: Record, camera: np.ndarray, pixel: np.ndarray, R: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean (6,), Jacobian by the camera's tangent (6, 12) and covariance by the pixel (6, 6) of a new line of sight.
+
+    From ``camera`` (13,), through the ``pixel`` (2,) with noise ``R`` (2, 2).
+
+    h = R_WC r(z): dh/d dtheta = -[h]x, dh/dz = R_WC dr/dz; the angles follow by d(azimuth, elevation)/dh. The row of
+    the inverse depth is zero.
+    """
+    R_WC = rotation_matrix(camera[QUATERNION])
+    h, J_h, mean = direction_of(lens, R_WC, pixel), np.empty((2, 3)), np.zeros(FEATURE_SIZE)
+    copy_into(mean, camera[POSITION])
+    mean[AZIMUTH], mean[ELEVATION] = angles_of(h, J_h)
+    J_turn = product(J_h, skew(h))
+    J_z = product(J_h, product(R_WC, ray_jacobian(lens, pixel)))
+    J_x, Q = np.zeros((FEATURE_SIZE, CAMERA_DIM)), np.zeros((FEATURE_SIZE, FEATURE_SIZE))
+    by_turn = J_x[AZIMUTH : AZIMUTH + 2, D_ROTATION]
+    for i in range(3):
+        J_x[i, i] = 1.0
+        for a in range(2):
+            by_turn[a, i] = -J_turn[a, i]
+    for a in range(2):
+        for b in range(2):
+            for i in range(2):
+                for j in range(2):
+                    Q[AZIMUTH + a, AZIMUTH + b] += J_z[a, i] * R[i, j] * J_z[b, j]
+    return mean, J_x, Q
+
+
+# Conversion and deletion --------------------------------------------------------------------------------------------
+
+
+@compiled
+def promote(model: Record, belief: Belief) -> int:
+    """Turn into points those of the features matched in this frame that are ready; returns how many.
+
+    A ray is ready at the paper's ratio of depth deviation to depth; inverse depth when its linearity index is small.
+    """
+    count = 0
+    for k in range(belief.state.count):
+        feature = belief.feature[k]
+        if feature.seen != belief.state.frame:
+            continue
+        if feature.kind == RAY:
+            ready = depth_ratio(belief, k) < model.mapped_depth_ratio
+        else:
+            ready = feature.kind == INVERSE_DEPTH and linearity_index(belief, k) < model.linearity_threshold
+        if ready:
+            convert_to_point(belief, k)
+            count += 1
+    return count
+
+
+@compiled
+def linearity_index(belief: Belief, k: int) -> float:
+    """4 sigma_d |cos alpha| / d of an INVERSE_DEPTH feature (Civera, Davison and Montiel 2008, equation 27).
+
+    sigma_d = sigma_rho / rho^2 is the deviation of its depth from the anchor, d its distance from the present camera,
+    alpha the parallax between the two sights.
+    """
+    feature, camera = belief.feature[k], belief.state.camera[POSITION]
+    rho, rho_row = feature.mean[RHO], feature.start + RHO
+    m = bearing(feature.mean[AZIMUTH], feature.mean[ELEVATION])
+    square, along = 0.0, 0.0
+    for i in range(3):
+        sight = feature.mean[i] + m[0][i] / rho - camera[i]
+        square += sight * sight
+        along += m[0][i] * sight
+    sigma_d = math.sqrt(max(belief.covariance[rho_row, rho_row], 0.0)) / (rho * rho)
+    return 4.0 * sigma_d * abs(along) / max(square, 1e-12)
+
+
+@borrowing
+def delete_failed(model: Record, belief: Belief) -> int:
+    """Delete features that were missed too often or are outdated; returns how many.
+
+    Outdated is a RAY that is too old, and an INVERSE_DEPTH that was out of sight for too long: the long ellipse of a
+    vague depth, met again after seconds, takes another landmark's detection that lies on it, and that makes it a point,
+    overconfidently wrong.
+    """
+    count, frame = 0, belief.state.frame
+    for k in range(belief.state.count - 1, -1, -1):
+        feature = belief.feature[k]
+        if feature.kind == RAY:
+            outdated = frame - feature.born > model.ray_age_frames
+        else:
+            outdated = feature.kind == INVERSE_DEPTH and frame - feature.seen > model.memory_frames
+        if feature.misses >= model.maximum_misses or outdated:
+            remove_feature(belief, k)
+            count += 1
+    return count
+
+
+# The covariance of camera and features --------------------------------------------------------------------------------
 
 
 @borrowing

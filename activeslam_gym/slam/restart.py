@@ -16,8 +16,8 @@ import numpy as np
 from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, borrowing, constants
 from activeslam_gym.motion import CAMERA_DIM
-from activeslam_gym.slam.association import distance_by_own_noise
 from activeslam_gym.slam.belief import Belief
+from activeslam_gym.slam.detection import distance_by_own_noise
 from activeslam_gym.slam.sight import INSIDE, Sight
 
 MEMORY = 0.5  # of the running mean [s]

@@ -36,7 +36,6 @@ from activeslam_gym.slam.belief import (
     bearing,
     fiducial_id,
 )
-from activeslam_gym.slam.curvature import curvature_of_inverse_depth
 
 POSE_DIM = 6  # a pixel depends on the leading 6 dimensions of the camera's tangent: position and rotation
 SEARCH_STDS = 4.3
@@ -44,6 +43,16 @@ SEARCH_STDS = 4.3
 the initialisation gate, so that no known feature is initialised twice, just outside."""
 INSIDE_STDS = 3.0  # its absence is telling when its predicted pixel is so many standard deviations inside
 TELLING_SHARE = 0.85  # and nearer than this share of the greatest distance at which anything is seen
+
+PRODUCT_FRAMES, IMAGE_PRODUCT_FRAMES = 8.0, 3.0
+"""So many frames tell of a product of two errors together what one does; and of images.
+
+The errors of a way and of an inverse depth barely change from frame to frame, so neither does their product. But noise
+that is overstated makes the filter follow the camera too slowly, and what it lags behind counts as parallax: a camera
+that turns on the spot believes its features too near. In images, whose pixels are nearly exact, it is 3 frames for that
+reason. With unknown commands the product is counted once in images, where the noise of a feature grows with its mean
+residual, and where there are no fiducials, as way and inverse depths then have one free scale.
+"""
 
 NEAR, INSIDE = 1, 2  # a row is within reach of the image; well inside it, so that a miss is telling
 
@@ -170,13 +179,37 @@ def own_innovation(
 
 
 @borrowing
+def curvature_of_inverse_depth(P: np.ndarray, rho: float, point: Record, D: np.ndarray) -> None:
+    """Write the covariance of what the linearisation of an inverse depth neglects into ``point.curvature`` [px^2].
+
+    It counts as noise: a filter that leaves out a product of two large errors is overconfident. Its mean is left out.
+    ``D`` (3, 3) is room for a matrix. The point moves by d(rho) (anchor - p) + rho d(anchor - p)
+    + d(rho) d(anchor - p). The last, a product of two errors that may both be large, has for Gaussians the covariance
+    C = var(rho) D + c c^T, D = Cov(anchor - p), c = Cov(rho, anchor - p); in the image J C J^T, J = H_anchor / rho.
+    """
+    r, H_y = point.column + RHO, point.H_feature
+    for i in range(3):
+        a = point.column + i
+        for j in range(3):
+            b = point.column + j
+            D[i, j] = P[r, r] * (P[a, b] - P[a, j] - P[i, b] + P[i, j]) + (P[r, a] - P[r, i]) * (P[r, b] - P[r, j])
+    for i in range(2):
+        for j in range(i + 1):
+            value = 0.0
+            for k in range(3):
+                for m in range(3):
+                    value += H_y[i, k] * D[k, m] * H_y[j, m]
+            point.curvature[i, j] = value / (rho * rho)
+            point.curvature[j, i] = point.curvature[i, j]
+
+
+@borrowing
 def visibility_of(lens: Record, z_hat: np.ndarray, S: np.ndarray) -> int:
     """Whether a predicted pixel with covariance ``S`` is out of reach (0), NEAR or INSIDE."""
     longest = math.sqrt(max(S[0, 0], S[1, 1]))
-    z = (z_hat[0], z_hat[1])
-    if inside_image(lens, z, -INSIDE_STDS * longest):
+    if inside_image(lens, z_hat, -INSIDE_STDS * longest):
         return INSIDE
-    return NEAR if inside_image(lens, z, SEARCH_STDS * longest) else 0
+    return NEAR if inside_image(lens, z_hat, SEARCH_STDS * longest) else 0
 
 
 @borrowing

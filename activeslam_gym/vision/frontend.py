@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from activeslam_gym.kernels import filled
-from activeslam_gym.slam.association import DETECTION
 from activeslam_gym.slam.belief import Belief
+from activeslam_gym.slam.detection import DETECTION
 from activeslam_gym.slam.estimate import EstimateArrays, add_offsets
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.slam.sight import INSIDE

@@ -26,8 +26,7 @@ from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record, compiled
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import QUATERNION
-from activeslam_gym.slam.curvature import IMAGE_PRODUCT_FRAMES
-from activeslam_gym.slam.sight import Sight
+from activeslam_gym.slam.sight import IMAGE_PRODUCT_FRAMES, Sight
 from activeslam_gym.vision.settings import ENOUGH, FrontEndSettings
 from activeslam_gym.vision.views import changes_of_view, view_from
 

@@ -1,15 +1,12 @@
 """Boxes and inner walls, drawn; and what is free, hit or reached among them."""
 
-import math
-from bisect import bisect_left, bisect_right
-
 import numpy as np
 
 from activeslam_gym.config import Scenario
 
 WALL_THICKNESS = 0.1  # of an inner wall [m]
 PASSAGE = 0.8  # between two boxes, or a box and a wall, there is so much [m], or nothing
-_CELL = 0.1  # side of the cells in which ways are searched [m]
+_CELL, _MOST_CELLS = 0.1, 400  # side of the cells in which ways are searched [m], and how many along a wall
 _TRIES = 60
 _REACHED_SHARE = 0.97
 
@@ -87,41 +84,26 @@ def first_hits(boxes: np.ndarray, half: np.ndarray, p: np.ndarray, ways: np.ndar
 def reachable(scenario: Scenario, boxes: np.ndarray, place: np.ndarray, margin: float) -> bool:
     """Whether a camera at ``place`` (>= 3,) can go nearly everywhere that is free at its height, in plan.
 
-    A way goes from one cell of 0.1 m to the next. Cells between the same edges of boxes are all free or none is, and
-    one label serves them, so that the cost depends on the number of boxes and not on the size of the room.
+    A way goes from one free cell to the next, of 0.1 m, or more where the room has more than `_MOST_CELLS` a side.
     """
     from scipy.ndimage import label
 
     half = 0.5 * np.array(scenario.room_size)
-    (x, wide, i), (z, long, j) = (_strips(half[k], boxes[:, :, k], margin, place[k]) for k in (0, 2))
-    cells = np.stack(np.meshgrid(x, place[1], z, indexing="ij"), axis=-1).reshape(-1, 3)
-    free = ~inside_any(cells, boxes, margin).reshape(len(x), len(z))
-    parts, _ = label(free)
-    own, counts = parts[i, j], np.outer(wide, long)
-    return bool(own and counts[parts == own].sum() >= _REACHED_SHARE * counts[free].sum())
+    x, z = (_cells(margin - half[k], half[k] - margin) for k in (0, 2))
+    inside = np.zeros((len(x), len(z)), bool)
+    for low, high in boxes:
+        if low[1] - margin < place[1] < high[1] + margin:
+            across = [(cells > low[k] - margin) & (cells < high[k] + margin) for k, cells in ((0, x), (2, z))]
+            inside |= np.outer(*across)
+    parts, _ = label(~inside)
+    own = parts[np.abs(x - place[0]).argmin(), np.abs(z - place[2]).argmin()]
+    return bool(own and (parts == own).sum() >= _REACHED_SHARE * (~inside).sum())
 
 
-def _strips(half: float, edges: np.ndarray, margin: float, p: float) -> tuple[np.ndarray, np.ndarray, int]:
-    """The cells along an axis, grouped where they are inside the same boxes: S strips.
-
-    Of each the middle of its first cell [m] and the number of its cells, (S,) both; and the strip that is nearest to
-    ``p`` [m]. ``edges`` (B, 2) [m] are those of the boxes.
-    """
-    first = -half + margin
-    step = (first + _CELL) - first
-    cells = range(max(math.ceil((half - margin - first) / _CELL), 1))
-
-    def middle(k: int) -> float:
-        return first + k * step + 0.5 * _CELL
-
-    starts = {0}
-    for low, high in edges:
-        starts |= {bisect_right(cells, low - margin, key=middle), bisect_left(cells, high + margin, key=middle)}
-    strips = sorted(starts - {len(cells)})
-    after = bisect_right(cells, p, key=middle)
-    nearest = min(cells[max(after - 1, 0) : after + 1], key=lambda k: abs(middle(k) - p))
-    counts = np.diff([*strips, len(cells)]).astype(float)  # in a large room their products overflow an integer
-    return np.array([middle(k) for k in strips]), counts, bisect_right(strips, nearest) - 1
+def _cells(first: float, last: float) -> np.ndarray:
+    """The middles of the cells from ``first`` to ``last`` along an axis [m]."""
+    size = max(_CELL, (last - first) / _MOST_CELLS)
+    return np.arange(first, max(last, first + 0.5 * size), size) + 0.5 * size
 
 
 def surface_points(half: np.ndarray, boxes: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:

@@ -1,0 +1,77 @@
+"""Detections, and the joint Gaussian of the predicted pixels, which tells how far they are from what is known."""
+
+import math
+
+import numpy as np
+
+from activeslam_gym.kernels import Record, borrowing, compiled, record
+from activeslam_gym.linalg import squared_distance
+from activeslam_gym.slam.sight import Sight
+
+DETECTION = record(
+    pixel=("f8", 2),  # [px]
+    R=("f8", (2, 2)),  # covariance of its noise [px^2]
+    id="i8",  # of the one prediction that it may be; UNASSOCIATED: any
+    log_ratio="f8",  # log likelihood of its appearance, if it is that prediction, over an unmapped detection's
+    match="i8",  # the filter's answer: the id of the prediction that it was matched to, or NEW or REJECTED
+)
+"""A measured pixel before its association. The ids are those of features (positive) and of fiducials (negative)."""
+UNASSOCIATED = 0
+NEW, REJECTED = 0, -(2**62)
+"""A detection that nothing known explains; one that something may explain, too unclear to be used."""
+
+
+def chi_square_2_quantile(probability: float) -> float:
+    """Quantile of the chi-square distribution of 2 dof, -2 ln(1 - p): 9.21 at 99 %."""
+    return -2.0 * math.log(1.0 - probability)
+
+
+@compiled
+def predicted_pixels(sight: Sight) -> tuple[np.ndarray, np.ndarray]:
+    """Predicted pixels (2 v,) [px] and their joint covariance (2 v, 2 v) [px^2], without the R of a measurement."""
+    z, S = np.empty(sight.S.shape[0]), sight.S.copy()
+    for r in range(z.shape[0]):
+        point, first = sight.point[r // 2], r - r % 2
+        z[r] = point.z_hat[r % 2]
+        S[r, first] -= point.R[r % 2, 0]
+        S[r, first + 1] -= point.R[r % 2, 1]
+    return z, S
+
+
+@borrowing
+def innovation_of(S: np.ndarray, a: int, detection: Record) -> tuple[float, float, float]:
+    """(s00, s01, s11) of S_aa + R: prediction ``a``'s innovation covariance with the R of the ``detection``."""
+    R = detection.R
+    return S[2 * a, 2 * a] + R[0, 0], S[2 * a, 2 * a + 1] + R[0, 1], S[2 * a + 1, 2 * a + 1] + R[1, 1]
+
+
+@borrowing
+def distance_and_det(z: np.ndarray, S: np.ndarray, a: int, detection: Record) -> tuple[float, float]:
+    """(d^2, |S_aa + R|): the squared Mahalanobis distance of a detection from prediction ``a``."""
+    s00, s01, s11 = innovation_of(S, a, detection)
+    return squared_distance(s00, s01, s11, detection.pixel[0] - z[2 * a], detection.pixel[1] - z[2 * a + 1])
+
+
+@borrowing
+def distance_by_own_noise(z_hat: np.ndarray, S: np.ndarray, R: np.ndarray, detection: Record) -> tuple[float, float]:
+    """The same from the predicted pixel ``z_hat`` (2,) and its ``S``, with the detection's R in place of ``R`` in S."""
+    own, z = detection.R, detection.pixel
+    s00, s01, s11 = S[0, 0] + (own[0, 0] - R[0, 0]), S[0, 1] + (own[0, 1] - R[0, 1]), S[1, 1] + (own[1, 1] - R[1, 1])
+    return squared_distance(s00, s01, s11, z[0] - z_hat[0], z[1] - z_hat[1])
+
+
+@compiled
+def condition(z: np.ndarray, S: np.ndarray, a: int, detection: Record) -> None:
+    """Condition the joint Gaussian on prediction ``a`` being ``detection``.
+
+    z += S_:a (S_aa + R)^-1 nu, S -= S_:a (S_aa + R)^-1 S_a:.
+    """
+    s00, s01, s11 = innovation_of(S, a, detection)
+    det = max(s00 * s11 - s01 * s01, 1e-300)
+    x, y = detection.pixel[0] - z[2 * a], detection.pixel[1] - z[2 * a + 1]
+    c0, c1 = S[2 * a].copy(), S[2 * a + 1].copy()
+    for i in range(z.shape[0]):
+        g0, g1, row = (s11 * c0[i] - s01 * c1[i]) / det, (s00 * c1[i] - s01 * c0[i]) / det, S[i]
+        z[i] += g0 * x + g1 * y
+        for j in range(c0.shape[0]):
+            row[j] -= g0 * c0[j] + g1 * c1[j]

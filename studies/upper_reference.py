@@ -29,7 +29,7 @@ CHOICES = 7, 3  # motions and gazes
 HEADER = ("scenario", "sequences in the true room", "policy", "log score", "share of the reference")
 
 
-def search(env: gym.vector.VectorEnv, seed: int, decisions: int) -> tuple[float, np.ndarray]:
+def search(env: Any, seed: int, decisions: int) -> tuple[float, np.ndarray]:
     """The best log score gain [bit] and its actions (decisions, 2) in the episode of ``seed``.
 
     All environments of the batch ``env`` play the same episode, each with a sequence of its own.
@@ -49,7 +49,7 @@ def search(env: gym.vector.VectorEnv, seed: int, decisions: int) -> tuple[float,
     return best, best_actions
 
 
-def play(env: gym.vector.VectorEnv, seed: int, actions: np.ndarray) -> np.ndarray:
+def play(env: Any, seed: int, actions: np.ndarray) -> np.ndarray:
     """(B,) log score gains [bit] of the sequences ``actions`` (B, decisions, 2), all in the episode of ``seed``."""
     _, infos = env.reset(seed=[seed] * env.num_envs)
     begun = infos["log_score"].copy()

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 PANELS_A_ROW = 4
 SIGMAS = 2.0  # standard deviations of the bounds and of the ellipses
-BAND = (10.0, 90.0)  # percentiles over rooms of the band around a mean
+BAND = (10.0, 90.0)  # percentiles over episodes of the band around a mean
 ERRORS = ("X error, m", "Y error, m", "Z error, m", "qx error", "qy error", "qz error")
 PARTS = {"camera": "tab:blue", "map": "tab:green", "total": "tab:red"}
 ESTIMATE, TRUTH, BOUND, LOST = "tab:blue", "black", "tab:red", "tab:red"
@@ -63,7 +63,7 @@ def scores(by_policy: Runs) -> Figure:
 
 
 def entropies(by_policy: Runs) -> Figure:
-    """Fig. 2 d–f: log₂|P| over time, the first room with a mark at each new landmark, mean and band over the rooms."""
+    """Fig. 2 d–f: log₂|P| over time, the first episode with a mark at each new landmark, mean and band over all."""
     figure, panels = _panels(len(by_policy), sharex=True, sharey=True)
     for axes, (name, runs) in zip(panels, by_policy.items()):
         entropy_panel(axes, runs[0], {part: over_rooms(runs, f"log2_det_{part}") for part in PARTS})
@@ -115,7 +115,7 @@ def maps(by_policy: Runs) -> Figure:
 
 
 def actions(by_policy: Runs) -> Figure:
-    """Fig. 5 b: shares of the commands, over all rooms; a bar for each policy."""
+    """Fig. 5 b: shares of the commands, over all episodes; a bar for each policy."""
     figure, panels = _panels(2, (6.0, 3.4))
     width = 0.8 / len(by_policy)
     for axes, choices, counts in zip(panels, (Motion, Gaze), (motion_counts, gaze_counts)):

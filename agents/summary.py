@@ -9,7 +9,7 @@ import numpy as np
 from activeslam_gym.evaluation import Episode, outcome
 from activeslam_gym.evaluation.code import code
 from agents.tools.sections import Table, escaped
-from agents.tools.statistics import FEW_ROOMS, LEGEND, Column, Estimate, paired_rmse
+from agents.tools.statistics import FEW_EPISODES, LEGEND, Column, Estimate, paired_rmse
 
 DEGREES = 180.0 / np.pi
 
@@ -47,9 +47,9 @@ class Summary:
     """The figures of a comparison."""
 
     settings: dict[str, Any]  # the arguments and the versions
-    policies: dict[str, Figures]  # policy → figures over its rooms
+    policies: dict[str, Figures]  # policy → figures over its episodes
     paired: dict[str, dict[str, Figures]]
-    """Reference → policy → figures of the differences policy − reference over the rooms of both."""
+    """Reference → policy → figures of the differences policy − reference over the episodes of both."""
     notes: list[str]  # limits of the figures
 
 
@@ -65,14 +65,14 @@ def summarise(
         for name, of_policy in runs.items()
     }
     policies = {name: _figures(list(seen.values()), (*LEARNED, *ERRORS)) for name, seen in rows.items()}
-    rooms, notes = min(len(seen) for seen in rows.values()), []
+    episodes, notes = min(len(seen) for seen in rows.values()), []
 
     def differences(name: str, against: str) -> Figures:
         pairs = [(row, rows[against].get(seed)) for seed, row in rows[name].items()]
         return _figures([_difference(row, other) for row, other in pairs if other], PAIRED)
 
-    if rooms < FEW_ROOMS:
-        notes.append(f"* From {rooms} episodes: fewer than {FEW_ROOMS} give a hint, no finding.")
+    if episodes < FEW_EPISODES:
+        notes.append(f"* From {episodes} episodes: fewer than {FEW_EPISODES} give a hint, no finding.")
     if reference not in policies:
         notes.append(f"The reference {reference} was not run: no paired differences against it.")
     return Summary(
@@ -106,7 +106,7 @@ def by_log_score(policies: Mapping[str, Figures]) -> list[str]:
 def tables(summary: Summary) -> list[Table]:
     """All tables of the comparison."""
     figures = summary.policies
-    star = "*" if min(f["bits"].rooms for f in figures.values()) < FEW_ROOMS else ""
+    star = "*" if min(f["bits"].episodes for f in figures.values()) < FEW_EPISODES else ""
     result = [
         _table(f"Results{star}", figures, LEARNED),
         _table(f"Errors at the end{star}", figures, ERRORS),
@@ -137,7 +137,7 @@ def _table(title: str, figures: Mapping[str, Figures], columns: Sequence[Column]
     """A row per policy, a column per figure, and the number of episodes."""
     header = ["policy", *(column.heading for column in columns), "episodes"]
     rows = [
-        [name, *(one.text(row[one.key]) for one in columns), str(row[columns[0].key].rooms)]
+        [name, *(one.text(row[one.key]) for one in columns), str(row[columns[0].key].episodes)]
         for name, row in figures.items()
     ]
     return Table(title, header, rows)

@@ -40,15 +40,15 @@ def train(args: Args) -> bool:
     if args.initial:
         args = replace(args, width=algorithms.initial_weights(args)[1]["width"])
     env = algorithms.make_training(args)
-    rooms = algorithms.make_held_out(args, args.validation_episodes)
+    batches = algorithms.make_held_out(args, args.validation_episodes)
     writable_folder("out", args.out)
     with alone_in(args.out), closing(env), ExitStack() as stack:
-        for batch in rooms.values():
+        for batch in batches.values():
             stack.enter_context(closing(batch))
         _require_same(args)
         learner = algorithms.learner_in(args, env, args.out / CHECKPOINT, args.out / "logs", args.device)
         write_json(args.out / ARGUMENTS, args.arguments())
-        best_weights = BestWeights(args, learner, rooms)
+        best_weights = BestWeights(args, learner, batches)
         try:
             begun = learner.num_timesteps > 0 or math.isfinite(best_weights.best)
             left = max(0, args.total_steps - learner.num_timesteps)

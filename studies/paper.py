@@ -40,16 +40,16 @@ def row(words: str, measure: str, values: np.ndarray, above: bool, bound: float 
     """A claim: the median over episodes, and whether its whole interval is on the claimed side of the bound."""
     figure = estimate(values, "median")
     verdict = "**holds**" if (figure.low > bound) == above else "**does not hold**"
-    if figure.rooms < FEWEST or figure.low <= bound <= figure.high:
-        verdict = "too few episodes" if figure.rooms < FEWEST else "not significant"
-    return [words, measure, figure.text(1.0, 2 if abs(figure.value) < 10.0 else 1), str(figure.rooms), verdict]
+    if figure.episodes < FEWEST or figure.low <= bound <= figure.high:
+        verdict = "too few episodes" if figure.episodes < FEWEST else "not significant"
+    return [words, measure, figure.text(1.0, 2 if abs(figure.value) < 10.0 else 1), str(figure.episodes), verdict]
 
 
 def number(words: str, measure: str, values: np.ndarray, stated: float) -> list[str]:
     """A number that the paper states of one run, and its rank among the episodes, 0 to 1."""
     figure, lower = estimate(values, "median"), np.count_nonzero(values < stated)
-    rank = f"rank {lower / figure.rooms:.2f}" if figure.rooms else "–"
-    return [words.format(f"{stated:g}".replace("-", "−")), measure, figure.text(), str(figure.rooms), rank]
+    rank = f"rank {lower / figure.episodes:.2f}" if figure.episodes else "–"
+    return [words.format(f"{stated:g}".replace("-", "−")), measure, figure.text(), str(figure.episodes), rank]
 
 
 def claims(runs: Runs) -> Iterator[list[str]]:

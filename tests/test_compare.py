@@ -100,7 +100,7 @@ def test_differences_are_within_rooms_against_the_reference_and_the_highest_log_
     runs += [episode("ahead", seed, 10.0 * seed + 1.0 + (seed < 6)) for seed in range(8)]
     summary = summarise(runs)
     difference = summary.paired["mi-fisher"]["stay"]["bits"]
-    assert (difference.value, difference.low, difference.high, difference.rooms) == (-1.0, -1.0, -1.0, 8)
+    assert (difference.value, difference.low, difference.high, difference.episodes) == (-1.0, -1.0, -1.0, 8)
     assert summary.paired["mi-fisher"]["stay"]["ahead"].value == 0.0
     assert summary.paired["mi-fisher"]["ahead"]["ahead"].value == 0.75  # the last two rooms are draws
     assert summary.policies["stay"]["bits"].value == 35.0

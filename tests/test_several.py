@@ -129,7 +129,7 @@ def test_weights_of_several_scenarios_act_everywhere(tmp_path: Path) -> None:
     small = SHORT | {"period": 8, "validation_episodes": 1, "test_episodes": 1}
     train(Args(out=tmp_path, scenario="sprint+office", total_steps=8, **small))
     results = json.loads((tmp_path / "policy.json").read_text(encoding="utf-8"))["results"]
-    assert results.keys() == {"sprint", "office"} and results["office"]["lost"]["rooms"] == 1
+    assert results.keys() == {"sprint", "office"} and results["office"]["lost"]["episodes"] == 1
     for name in ("paper", "office", "mixed", "hand-held"):
         single = gym.make("ActiveSLAM-v0", scenario=name, gaze_period=1.0)
         batch = gym.make_vec("ActiveSLAM-v0", num_envs=2, scenario=name, gaze_period=1.0)

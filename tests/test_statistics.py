@@ -18,7 +18,7 @@ def test_figures_of_equal_missing_infinite_few_and_zero_values() -> None:
     for statistic in ("median", "IQM"):
         assert estimate([2.0] * 6, statistic) == Estimate(2.0, 2.0, 2.0, 6, statistic)  # of no width
         assert estimate([2.0] * 5, statistic).text() == "2.0"
-    assert estimate([1.0, np.nan, 3.0], "mean").rooms == 2
+    assert estimate([1.0, np.nan, 3.0], "mean").episodes == 2
     assert estimate([np.nan], "median").text() == "–"
     assert estimate([1.0, 2.0, 3.0, 4.0, np.inf, np.inf], "median").text() == "3.5 [1.0, inf]"
     none = estimate(np.zeros(20), "share")

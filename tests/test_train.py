@@ -95,7 +95,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_training_leaves_weights_card_and_checkpoint_and_goes_on(trained: Path) -> None:
     assert {path.name for path in trained.iterdir()} >= LEFT
     card = json.loads((trained / "policy.json").read_text())
-    assert card["results"]["rooms"] == 2 and card["steps_trained"] == 40
+    assert card["results"]["episodes"] == 2 and card["steps_trained"] == 40
     assert set(card["results"]["references"]) == {"best-constant", "mi-constant", "mi-fisher"}
     assert card["held_out_return"] is not None  # the end of a short training is judged too
     train(Args(out=trained, total_steps=80, **SMALL))

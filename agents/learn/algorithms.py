@@ -41,12 +41,12 @@ ACTIONS: dict[str, Actions] = {"dqn": "indices", "sac": "points"}  # of the othe
 
 
 def training_seed(recipe: Recipe) -> int:
-    """The first seed of the rooms that are trained in."""
+    """The first seed of the episodes that are trained in."""
     return TRAINING_SEED + recipe.num_envs * recipe.seed
 
 
 def held_out_seed(scenario: str) -> int:
-    """The first seed of the rooms that choose the best weights: none of training, none of a benchmark."""
+    """The first seed of the episodes that choose the best weights: none of training, none of a benchmark."""
     return benchmark_seed(scenario, validation=True)
 
 
@@ -60,9 +60,9 @@ def make_training(recipe: Recipe) -> VecEnv:
     return env
 
 
-def make_held_out(recipe: Recipe, rooms: int) -> dict[str, VecEnv]:
-    """Of each scenario a batch of ``rooms`` that choose the best weights, observed as those of `make_training`."""
-    batches = {name: _make_batch(recipe, name, rooms) for name in recipe.scenarios}
+def make_held_out(recipe: Recipe, episodes: int) -> dict[str, VecEnv]:
+    """Of each scenario a batch of ``episodes`` that choose the best weights, observed as those of `make_training`."""
+    batches = {name: _make_batch(recipe, name, episodes) for name in recipe.scenarios}
     if not _common_layout(recipe):
         return dict(batches)
     tokens = _most_tokens(batches.values())
@@ -139,7 +139,7 @@ def make_learner(
     device: str = "cpu",
     weights: Mapping[str, np.ndarray] | None = None,
 ) -> Any:
-    """A learner in the first rooms that are trained in, new or with ``weights``.
+    """A learner in the first episodes that are trained in, new or with ``weights``.
 
     PPO's rollout is one episode of every environment. Raises ValueError for weights of another network.
     """
@@ -218,7 +218,7 @@ def learner_of(weights: Mapping[str, np.ndarray], card: Mapping[str, Any]) -> An
 
 
 def learner_in(recipe: Recipe, env: VecEnv, checkpoint: Path, logs: Path, device: str = "cpu") -> Any:
-    """A learner with the weights, the optimiser and the counts of a checkpoint, in rooms that it has not yet seen.
+    """A learner with the weights, the optimiser and the counts of a checkpoint, in episodes that it has not yet seen.
 
     Without a checkpoint it is new, or has the recipe's initial weights. Of the file, tensors and numbers are read,
     never a pickle: `BaseAlgorithm.load` would run its code. Raises ValueError for a damaged file, or one of another

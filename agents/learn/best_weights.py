@@ -41,15 +41,15 @@ COLUMNS = (
 class BestWeights(BaseCallback):
     """Keeps checkpoints of a learner, and its best weights and their card.
 
-    Every `period` decisions, and at the end, the deterministic policy plays an episode in each of the held-out
-    ``rooms`` of each scenario. The mean return, in the reward's own unit and at least `FLOOR` a room, chooses the
+    Every `period` decisions, and at the end, the deterministic policy plays the validation episodes of each scenario,
+    one in each environment of ``batches``. The mean return, in the reward's own unit and at least `FLOOR` an episode, chooses the
     weights; the failure penalty counts as in training. Of several scenarios, each mean is divided by the number
     of estimated dimensions, relative to `paper`.
     """
 
-    def __init__(self, args: Args, learner: Any, rooms: Mapping[str, VecEnv]) -> None:
+    def __init__(self, args: Args, learner: Any, batches: Mapping[str, VecEnv]) -> None:
         super().__init__()
-        self.args, self.learner, self.rooms = args, learner, rooms
+        self.args, self.learner, self.batches = args, learner, batches
         self.weights, self.visited = args.out / WEIGHTS, 0
         self.bar: Any = None
         self.begun = time.monotonic() - getattr(learner, "seconds", 0.0)
@@ -79,26 +79,28 @@ class BestWeights(BaseCallback):
 
     def keep(self, held_out_return: float) -> None:
         """Write the present weights and their card."""
-        rooms = 0 if math.isnan(held_out_return) else self.args.validation_episodes
-        card = card_of(self.args.arguments(), self.learner.num_timesteps, self.seconds(), rooms)
+        episodes = 0 if math.isnan(held_out_return) else self.args.validation_episodes
+        card = card_of(self.args.arguments(), self.learner.num_timesteps, self.seconds(), episodes)
         save(self.weights, self.learner.policy, card | {"held_out_return": held_out_return})
 
     def add_results(self) -> None:
         """Complete the card: the training's length and time, and results in held-out episodes; print those."""
-        card, rooms = read_card(self.weights), self.args.test_episodes
+        card, episodes = read_card(self.weights), self.args.test_episodes
         card |= {"steps_trained": self.learner.num_timesteps, "seconds_trained": round(self.seconds(), 1)}
         scenarios = self.args.scenarios
         if len(scenarios) == 1:
-            print(f"Now {rooms} test episodes of the kept weights, and of {', '.join(REFERENCES)}:", flush=True)
-            card["results"], summary = results(self.weights, rooms, self.args, *scenarios)
+            print(f"Now {episodes} test episodes of the kept weights, and of {', '.join(REFERENCES)}:", flush=True)
+            card["results"], summary = results(self.weights, episodes, self.args, *scenarios)
             print(f"\n{text(summary)}\n")
         else:
             card["results"] = {}
             for name in scenarios:
-                own, _ = results(self.weights, rooms, self.args, name, ())
+                own, _ = results(self.weights, episodes, self.args, name, ())
                 card["results"][name] = {column: own[column] for column in ("log_score_gain_median", "lost")}
                 median, lost = (own[column]["value"] for column in ("log_score_gain_median", "lost"))
-                print(f"{name}: median log score gain {median:.0f} in {rooms} episodes, lost in {lost:.0%}", flush=True)
+                print(
+                    f"{name}: median log score gain {median:.0f} in {episodes} episodes, lost in {lost:.0%}", flush=True
+                )
         write_json(self.weights.with_suffix(".json"), card)
 
     def _on_training_start(self) -> None:
@@ -130,7 +132,7 @@ class BestWeights(BaseCallback):
     def _visit(self) -> None:
         """Play the validation episodes, keep the weights if they are the best so far, and add rows to the curve."""
         self.visited, means, failed = self.num_timesteps, {}, []
-        for name, batch in self.rooms.items():
+        for name, batch in self.batches.items():
             infos: list[dict[str, Any]] = []
 
             def note(locals_: dict[str, Any], globals_: dict[str, Any], ended: list[dict[str, Any]] = infos) -> None:
@@ -167,13 +169,13 @@ class BestWeights(BaseCallback):
         with path.open("a", encoding="utf-8") as file:
             if new:
                 file.write("decisions,seconds,scenario,episodes,log_score,failures,policy_entropy\n")
-            episodes = self.rooms[scenario].num_envs
+            episodes = self.batches[scenario].num_envs
             row = self.num_timesteps, round(self.seconds()), scenario, episodes, f"{log_score:.1f}", f"{failures:.4f}"
             file.write(",".join(map(str, (*row, f"{-entropy:.3f}"))) + "\n")
 
 
 def results(
-    weights: Path, rooms: int, recipe: Recipe, scenario: str, references: tuple[str, ...] = REFERENCES
+    weights: Path, episodes: int, recipe: Recipe, scenario: str, references: tuple[str, ...] = REFERENCES
 ) -> tuple[dict[str, Any], Summary]:
     """Figures of the weights and of references in the same episodes for a card, with their intervals; and the summary.
 
@@ -181,9 +183,9 @@ def results(
     """
     first = benchmark_seed(scenario, validation=True) + 250_000
     settings = json.dumps({"scenario": asdict(trained_scenario(scenario)), "duration": recipe.duration})
-    names, seeds = (str(weights), *references), range(first, first + rooms)
+    names, seeds = (str(weights), *references), range(first, first + episodes)
     tasks = [task.Task(name, seed, settings) for name in names for seed in seeds]
     summary = summarise([episode for _, episode in task.results(tasks, Store())])
     figures = {name: {column: asdict(one[column]) for column in COLUMNS} for name, one in summary.policies.items()}
     own = figures.pop(str(weights))
-    return {"first_seed": first, "rooms": own["bits"]["rooms"], **own, "references": figures}, summary
+    return {"first_seed": first, "episodes": own["bits"]["episodes"], **own, "references": figures}, summary

@@ -16,7 +16,7 @@ CONFIDENCE = 0.95
 TAILS = (1.0 - CONFIDENCE) / 2.0, 1.0 - (1.0 - CONFIDENCE) / 2.0  # the quantiles at an interval's ends
 RESAMPLES = 2000  # bootstrap resamples: the ends of a 95 % interval then rest on fifty of them each
 FEWEST = 6  # episodes that an interval of a median needs: of five, all lie on one side of it with a probability of 6 %
-FEW_ROOMS = 20  # with fewer episodes a report says that its intervals are a hint
+FEW_EPISODES = 20  # with fewer episodes a report says that its intervals are a hint
 
 MISSING = "–"  # stands for a figure that no episode gave
 LEGEND = (
@@ -37,7 +37,7 @@ class Estimate:
     value: float
     low: float
     high: float
-    rooms: int
+    episodes: int
     statistic: Statistic
 
     def text(self, scale: float = 1.0, digits: int = 1) -> str:
@@ -84,19 +84,19 @@ def estimate(values: ArrayLike, statistic: Statistic) -> Estimate:
     """A statistic of `values` (one an episode) with its 95 % interval, if it has one; NaN are left out."""
     from scipy.stats import binomtest, quantile_test
 
-    all_rooms: Array = np.asarray(values, dtype=float)
-    rooms = all_rooms[~np.isnan(all_rooms)]
-    if not len(rooms):
+    every: Array = np.asarray(values, dtype=float)
+    episodes = every[~np.isnan(every)]
+    if not len(episodes):
         return Estimate(np.nan, np.nan, np.nan, 0, statistic)
-    value: Any = np.mean(rooms)
+    value: Any = np.mean(episodes)
     low, high = np.nan, np.nan
     if statistic == "share":
-        low, high = binomtest(int(rooms.sum()), len(rooms)).proportion_ci(CONFIDENCE)
+        low, high = binomtest(int(episodes.sum()), len(episodes)).proportion_ci(CONFIDENCE)
     elif statistic == "median":
-        value, (low, high) = np.median(rooms), quantile_test(rooms, p=0.5).confidence_interval(CONFIDENCE)
+        value, (low, high) = np.median(episodes), quantile_test(episodes, p=0.5).confidence_interval(CONFIDENCE)
     elif statistic == "IQM":
-        value, (low, high) = interquartile_mean(rooms), bootstrap_interval(rooms, interquartile_mean)
-    return Estimate(float(value), float(low), float(high), len(rooms), statistic)
+        value, (low, high) = interquartile_mean(episodes), bootstrap_interval(episodes, interquartile_mean)
+    return Estimate(float(value), float(low), float(high), len(episodes), statistic)
 
 
 def paired_rmse(errors: ArrayLike, others: ArrayLike) -> tuple[float, float]:
@@ -112,17 +112,17 @@ def paired_rmse(errors: ArrayLike, others: ArrayLike) -> tuple[float, float]:
     return float(own), float(other)
 
 
-def interquartile_mean(rooms: Array) -> Array:
-    """(..., rooms) -> (...): the mean of the middle half."""
+def interquartile_mean(episodes: Array) -> Array:
+    """(..., episodes) -> (...): the mean of the middle half."""
     from scipy.stats import trim_mean
 
-    return np.asarray(trim_mean(rooms, 0.25, axis=-1))
+    return np.asarray(trim_mean(episodes, 0.25, axis=-1))
 
 
-def bootstrap_interval(rooms: Array, figure: Callable[[Array], Array]) -> tuple[float, float]:
-    """Percentile bootstrap of a ``figure`` of rooms (n,), (m, n) -> (m,), the same at each call; NaN for too few."""
-    if len(rooms) < FEWEST:
+def bootstrap_interval(episodes: Array, figure: Callable[[Array], Array]) -> tuple[float, float]:
+    """Percentile bootstrap of a ``figure`` of episodes (n,), (m, n) -> (m,), the same at each call; NaN for too few."""
+    if len(episodes) < FEWEST:
         return np.nan, np.nan
-    drawn = np.random.default_rng(0).integers(len(rooms), size=(RESAMPLES, len(rooms)))
-    low, high = np.quantile(figure(rooms[drawn]), TAILS)
+    drawn = np.random.default_rng(0).integers(len(episodes), size=(RESAMPLES, len(episodes)))
+    low, high = np.quantile(figure(episodes[drawn]), TAILS)
     return float(low), float(high)

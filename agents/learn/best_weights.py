@@ -42,9 +42,9 @@ class BestWeights(BaseCallback):
     """Keeps checkpoints of a learner, and its best weights and their card.
 
     Every `period` decisions, and at the end, the deterministic policy plays the validation episodes of each scenario,
-    one in each environment of ``batches``. The mean return, in the reward's own unit and at least `FLOOR` an episode, chooses the
-    weights; the failure penalty counts as in training. Of several scenarios, each mean is divided by the number
-    of estimated dimensions, relative to `paper`.
+    one in each environment of ``batches``. The mean return, in the reward's own unit and at least `FLOOR` an episode,
+    chooses the weights; the failure penalty counts as in training. Of several scenarios, each mean is divided by the
+    number of estimated dimensions, relative to `paper`.
     """
 
     def __init__(self, args: Args, learner: Any, batches: Mapping[str, VecEnv]) -> None:

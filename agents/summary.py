@@ -65,14 +65,14 @@ def summarise(
         for name, of_policy in runs.items()
     }
     policies = {name: _figures(list(seen.values()), (*LEARNED, *ERRORS)) for name, seen in rows.items()}
-    episodes, notes = min(len(seen) for seen in rows.values()), []
+    fewest, notes = min(len(seen) for seen in rows.values()), []
 
     def differences(name: str, against: str) -> Figures:
         pairs = [(row, rows[against].get(seed)) for seed, row in rows[name].items()]
         return _figures([_difference(row, other) for row, other in pairs if other], PAIRED)
 
-    if episodes < FEW_EPISODES:
-        notes.append(f"* From {episodes} episodes: fewer than {FEW_EPISODES} give a hint, no finding.")
+    if fewest < FEW_EPISODES:
+        notes.append(f"* From {fewest} episodes: fewer than {FEW_EPISODES} give a hint, no finding.")
     if reference not in policies:
         notes.append(f"The reference {reference} was not run: no paired differences against it.")
     return Summary(

@@ -114,9 +114,9 @@ def mapped_runs(landmarks: int) -> Run:
     dim = int(run.ekf.state.dim)
     A = 0.01 * rng.standard_normal((dim, 3 * dim)) / np.sqrt(3 * dim)
     run.ekf.covariance[:dim, :dim] = A @ A.T
-    run.episode.detections = SEEN
-    run.candidate["id"][:SEEN] = run.ekf.feature["serial"][:SEEN]
-    for y, pixel in zip(points, run.candidate["pixel"][:SEEN]):
+    run.episode.detection_count = SEEN
+    run.detections["id"][:SEEN] = run.ekf.feature["serial"][:SEEN]
+    for y, pixel in zip(points, run.detections["pixel"][:SEEN]):
         pixel_from_camera_point(runs.models[0].camera, y, pixel)
     return runs
 
@@ -146,7 +146,7 @@ def whole_frames(runs: Run, command: np.ndarray, frames: int) -> None:
 def filter_frames(runs: Run, frames: int) -> None:
     """So many times the filter's frame alone, of the first of ``runs``, by its candidates, whose ids are certain."""
     run = run_at(runs, 0, runs.estimate.covariance[0])
-    detections, u, boxes = run.candidate[: run.episode.detections], np.zeros(6), known_boxes(run)
+    detections, u, boxes = run.detections[: run.episode.detection_count], np.zeros(6), known_boxes(run)
     for _ in range(frames):
         filter_frame(run.models, run.ekf, run.world.fiducials, boxes, u, detections, True, run.episode.events)
 
@@ -154,6 +154,6 @@ def filter_frames(runs: Run, frames: int) -> None:
 def demand_matches(runs: Run, landmarks: int) -> None:
     """Raise RuntimeError where the last frame matched other than `SEEN` candidates, or the map has changed its size."""
     run = row(runs, 0)
-    matched = int((run.candidate["match"][: run.episode.detections] > 0).sum())
+    matched = int((run.detections["match"][: run.episode.detection_count] > 0).sum())
     if matched != SEEN or run.ekf.state.count != landmarks:
         raise RuntimeError(f"{matched} of {SEEN} points were matched, {run.ekf.state.count} features")

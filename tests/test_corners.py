@@ -27,7 +27,7 @@ def flown() -> Any:
     frames = []
     for action in ACTIONS:
         env.step(action)
-        found = run.candidate[: int(run.episode.detections)].copy()
+        found = run.detections[: int(run.episode.detection_count)].copy()
         memory = corners.memory[corners.memory["id"] > 0]
         frames.append((run.world.state.camera.copy(), found, memory, corners.points[memory["corner"]]))
     return env, frames
@@ -64,13 +64,13 @@ def test_a_feature_is_matched_until_its_view_has_changed_too_much() -> None:
     for _ in range(10):
         env.step([6, 2])
     run, corners = env.unwrapped._run, env.unwrapped._perceptions[0].corners
-    matched = set(run.candidate["match"][: int(run.episode.detections)].tolist())
+    matched = set(run.detections["match"][: int(run.episode.detection_count)].tolist())
     entry = next(entry for entry in corners.memory if entry["id"] in matched)
     way = run.world.state.camera[:3] - corners.points[entry["corner"]]
     for share, found in ((np.exp(SIGHTED.most_change - 0.1), True), (np.exp(SIGHTED.most_change + 0.1), False)):
         entry["first_seen"] = corners.points[entry["corner"]] + share * way
         env.step([6, 2])
-        assert (entry["id"] in run.candidate["match"][: int(run.episode.detections)]) == found
+        assert (entry["id"] in run.detections["match"][: int(run.episode.detection_count)]) == found
 
 
 def test_new_features_are_added_while_few_are_in_view() -> None:
@@ -79,7 +79,7 @@ def test_new_features_are_added_while_few_are_in_view() -> None:
     run, initialised = env.unwrapped._run, []
     for action in np.repeat(ACTIONS, 5, axis=0):
         info = env.step(action)[-1]
-        found = run.candidate["id"][: int(run.episode.detections)]
+        found = run.detections["id"][: int(run.episode.detection_count)]
         initialised.append((np.sum(found == 0), info["events"]["initialised"], np.sum(found != 0)))
         assert info["events"]["wrong_matches"] == 0
     born, counted, matched = np.array(initialised).T
@@ -123,7 +123,7 @@ def test_the_target_is_found_with_a_bias_until_it_is_drawn_again() -> None:
     for _ in range(60):
         env.step([0, 2])
         pose = run.world.state.camera
-        for one in run.candidate[: int(run.episode.detections)]:
+        for one in run.detections[: int(run.episode.detection_count)]:
             if -4 <= one["match"] < 0:
                 k = -1 - int(one["match"])
                 p_C = camera_point(rotation_matrix(pose[3:7]), pose, run.world.fiducials[k])

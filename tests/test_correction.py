@@ -8,7 +8,7 @@ from activeslam_gym.config import Scenario
 from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, RHO
 from activeslam_gym.slam.filter import Filter, detections_of
 from activeslam_gym.slam.kalman import correct
-from activeslam_gym.slam.sight import measure, sight_with
+from activeslam_gym.slam.sight import predict_pixel, sight_with
 
 from .support import (
     CAMERA,
@@ -90,7 +90,7 @@ def test_what_the_line_leaves_out_is_in_the_noise() -> None:
     H, said, left = point["H_camera"][0, 0, 0], point["z_hat"][0, 0], []
     for x, d_rho in rng.multivariate_normal([0.0, 0.0], correlated, 20_000):
         belief.state.camera[0], feature.mean[RHO] = x, max(0.5 + d_rho, 0.01)
-        assert measure(View(CAMERA, belief.state.camera, np.eye(3), NO_BOXES), belief, NO_FIDUCIALS, point[0])
+        assert predict_pixel(View(CAMERA, belief.state.camera, np.eye(3), NO_BOXES), belief, NO_FIDUCIALS, point[0])
         left.append(point["z_hat"][0, 0] - said - H * x)
     assert np.var(left) == pytest.approx(point["curvature"][0, 0, 0], rel=0.1)
     assert point["curvature"][0, 0, 0] > 2.0

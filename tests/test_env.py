@@ -46,7 +46,7 @@ def detections_of(env) -> list[tuple[int, np.ndarray, np.ndarray]]:
     run = simulation_of(env)
     points = np.concatenate((run.world.fiducials, run.world.landmarks))
     labels = env.unwrapped.labels.detected.tolist()
-    pixels = run.candidate["pixel"][: len(labels)]
+    pixels = run.detections["pixel"][: len(labels)]
     return [
         (label, pixel.copy(), pixel_of(CAMERA, run.world.state.camera, points[label]))
         for label, pixel in zip(labels, pixels, strict=True)

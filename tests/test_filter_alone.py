@@ -248,10 +248,10 @@ def test_fed_an_environments_detections_it_holds_the_environments_belief(initial
         turn = turn_of(motion, int(action[1]), frame * motion.dt)
         u = accelerations(motion, filter.belief.state.camera, control.start, control.goal, begun, turn)
         filter.predict(u, scenario.frame_time)
-        detections = run.candidate[: run.episode.detections].copy()
+        detections = run.detections[: run.episode.detection_count].copy()
         detections["match"] = filter.update(detections)
         filter.initialise(detections)
-        np.testing.assert_array_equal(detections["match"], run.candidate["match"][: run.episode.detections])
+        np.testing.assert_array_equal(detections["match"], run.detections["match"][: run.episode.detection_count])
         assert filter.belief.state == run.ekf.state
     assert filter.belief.state.serial > 5
     for own, its in zip(filter.belief, run.ekf, strict=True):

@@ -29,11 +29,11 @@ from numba.core.errors import NumbaWarning
 warnings.simplefilter("error", NumbaWarning)
 from numba.core.runtime import rtsys
 counts = rtsys.get_allocation_stats
-from activeslam_gym.envs.episode import play
+from activeslam_gym.envs.episode import step_runs
 from activeslam_gym import SCENARIOS
 from activeslam_gym.envs.planning import score_runs
 
-KERNELS = play.kernel, score_runs.kernel
+KERNELS = step_runs.kernel, score_runs.kernel
 
 def begun(env, seed):
     env.action_space.seed(seed)

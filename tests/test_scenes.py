@@ -77,7 +77,7 @@ def test_noise_and_order_of_detections_do_not_depend_on_what_is_hidden() -> None
         if scene == "glass":
             env.unwrapped.truth.scene._scene.blocks = lambda a, b: np.zeros(len(b), bool)
         env.step((Motion.STAY, Gaze.STAY))
-        labels, pixels = env.unwrapped.labels.detected, env.unwrapped._run.candidate["pixel"]
+        labels, pixels = env.unwrapped.labels.detected, env.unwrapped._run.detections["pixel"]
         seen[scene] = {label: tuple(pixel) for label, pixel in zip(labels.tolist(), pixels.tolist())}
     kept = {label: pixel for label, pixel in seen["glass"].items() if label in seen["sphere"]}
     assert list(kept.items()) == list(seen["sphere"].items()) and len(kept) < len(seen["glass"])

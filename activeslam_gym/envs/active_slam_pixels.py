@@ -59,7 +59,7 @@ class ActiveSLAMPixelsEnv(ActiveSLAMEnv):
         run, eye = self._run, self._perceptions[0]
         pose, older = run.world.state.camera, set(self.belief.ids.tolist()) - eye.newest
         R_WC, z, out = rotation_matrix(pose[QUATERNION]), np.empty(2), []
-        for one in run.candidate[: int(run.episode.detections)]:
+        for one in run.detections[: int(run.episode.detection_count)]:
             match, R = int(one["match"]), one["R"]
             if match in older or -len(run.world.fiducials) <= match < 0:
                 point = eye.scene_points(one["match"][None])[0] if match > 0 else run.world.fiducials[-1 - match]

@@ -19,7 +19,7 @@ from activeslam_gym.envs.active_slam import ActiveSLAMEnv
 from activeslam_gym.envs.setting import scenario_with
 from activeslam_gym.motion import CAMERA_DIM, POSITION, QUATERNION
 from activeslam_gym.registry import array_of, asked, name_of, part_of
-from activeslam_gym.sensors.sensor import POINTS, SENSORS, Detections
+from activeslam_gym.sensors.sensor import OWN_SENSORS, POINTS, Detections
 from activeslam_gym.slam.belief import start_of
 from activeslam_gym.slam.estimator import EKF
 from activeslam_gym.world.room import draw_scene, scene_factory
@@ -84,7 +84,7 @@ def check_sensor(sensor: Any, scenario: Given = "paper", seed: int = 0) -> None:
             has the stated covariance; Jacobians are the numerical ones; what is measured is visible.
     """
     of = scenario_with(scenario, sensor=sensor)
-    what, make = f"the sensor {name_of(of.sensor)!r}", part_of("sensor", of.sensor, SENSORS)
+    what, make = f"the sensor {name_of(of.sensor)!r}", part_of("sensor", of.sensor, OWN_SENSORS)
     if make is None:
         raise ValueError(f"{what} is the package's own; allowed: one of yours")
     env = ActiveSLAMEnv(replace(of, sensor=POINTS, estimator=EKF), end_when_lost=False)

@@ -13,7 +13,7 @@ import numpy as np
 
 from activeslam_gym.camera import change_of_view, distance_between, view_of, visible
 from activeslam_gym.envs.images import account_scene
-from activeslam_gym.envs.run import Run, present
+from activeslam_gym.envs.run import Run, write_whole_estimate
 from activeslam_gym.envs.setting import Setting
 from activeslam_gym.kernels import Record, compiled, filled, record
 from activeslam_gym.linalg import copy_into
@@ -109,7 +109,7 @@ class CornerPerception:
 
     def begin(self, run: Run) -> None:
         """Write the prior."""
-        present(run)
+        write_whole_estimate(run)
 
     def frame(self, run: Run, u: np.ndarray, contact: bool) -> None:
         """Search the features in view, under the known accelerations ``u`` (6,), and initialise others."""
@@ -118,7 +118,7 @@ class CornerPerception:
 
 @compiled
 def detect_corners(run: Run, rules: Record, corners: Corners, u: np.ndarray, contact: bool) -> None:
-    """A frame after the camera has moved: predict, search, delete, initialise, and account for it."""
+    """A frame after the camera has moved: predict, search, delete, initialise, and judge it."""
     motion, belief, memory, frame = run.models.motion, run.ekf, corners.memory, run.world.state.frame + 1
     if contact:
         update_contact(belief, u, motion.dt)
@@ -135,8 +135,8 @@ def detect_corners(run: Run, rules: Record, corners: Corners, u: np.ndarray, con
             remove_id(run.ekf, entry.id)
             entry.id = 0
             run.episode.events.deletions += 1
-    run.episode.detections = found + _initialise_features(run, rules, corners, draws[2 * searched :], found)
-    present(run)
+    run.episode.detection_count = found + _initialise_features(run, rules, corners, draws[2 * searched :], found)
+    write_whole_estimate(run)
     estimate = run.estimate
     points = np.empty((estimate.state.count, 3))
     for entry in memory:
@@ -164,7 +164,7 @@ def _draw_target(run: Run, rules: Record, corners: Corners, draws: np.ndarray) -
 
 @compiled
 def _search(run: Run, rules: Record, corners: Corners, draws: np.ndarray) -> int:
-    """Search what is in view of the belief, and update it; returns how many candidates were found."""
+    """Search what is in view of the belief, and update it; returns how many detections there are."""
     models, belief, fiducials, memory = run.models, run.ekf, run.world.fiducials, corners.memory
     K, pose, frame = fiducials.shape[0], run.world.state.camera, run.world.state.frame + 1
     sight = sight_of_belief(models.camera, belief, fiducials, run.world.boxes[:0])
@@ -184,7 +184,7 @@ def _search(run: Run, rules: Record, corners: Corners, draws: np.ndarray) -> int
         tried[i] = True
         k = -1 - point.id
         place = corners.points[memory[m].corner] if m >= 0 else fiducials[k]
-        if not visible(view, place, -_EDGE, z) or found == run.candidate.shape[0]:
+        if not visible(view, place, -_EDGE, z) or found == run.detections.shape[0]:
             continue
         if m >= 0 and not faces(corners.normals[memory[m].corner], place, pose, _FACING):
             continue
@@ -193,7 +193,7 @@ def _search(run: Run, rules: Record, corners: Corners, draws: np.ndarray) -> int
         if (d * x * x - 2.0 * b * x * y + a * y * y) / det > gate:
             continue
         std = memory[m].std if m >= 0 else math.hypot(FIDUCIAL_STD, blur[k])
-        one = run.candidate[found]
+        one = run.detections[found]
         one.id, one.match, one.log_ratio = point.id, 0, _LOG_RATIO
         first, second = normal_pair(draws[2 * i], draws[2 * i + 1])
         one.pixel[0], one.pixel[1] = z[0] + std * first, z[1] + std * second
@@ -202,13 +202,13 @@ def _search(run: Run, rules: Record, corners: Corners, draws: np.ndarray) -> int
             one.pixel[1] += corners.drawn[k].bias[1]
         one.R[0, 0], one.R[0, 1], one.R[1, 0], one.R[1, 1] = std * std, 0.0, 0.0, std * std
         found += 1
-    candidates = run.candidate[:found]
-    use_identified(models, belief, fiducials, sight, candidates, 1, run.episode.events)
+    detections = run.detections[:found]
+    use_identified(models, belief, fiducials, sight, detections, 1, run.episode.events)
     for i in range(v):
         point = sight.point[i]
         if tried[i] and point.id > 0:
             matched = False
-            for one in candidates:
+            for one in detections:
                 matched = matched or one.match == point.id
             if matched or point.visibility == INSIDE:
                 entry = memory[_place(memory, point.id)]
@@ -221,7 +221,7 @@ def _search(run: Run, rules: Record, corners: Corners, draws: np.ndarray) -> int
 
 @compiled
 def _initialise_features(run: Run, rules: Record, corners: Corners, draws: np.ndarray, found: int) -> int:
-    """Initialise features where few are in view, as candidates behind those ``found``; returns how many."""
+    """Initialise features where few are in view, as detections behind those ``found``; returns how many."""
     models, belief, state, memory = run.models, run.ekf, run.world.state, corners.memory
     K, pose, camera, frame = run.world.fiducials.shape[0], state.camera, models.camera, state.frame + 1
     sight = sight_of_belief(camera, belief, run.world.fiducials, run.world.boxes[:0])
@@ -244,7 +244,7 @@ def _initialise_features(run: Run, rules: Record, corners: Corners, draws: np.nd
     begin = int(draws[0] * n)
     for k in range(n):
         c = (begin + k) % n
-        if born == wanted or found + born == run.candidate.shape[0]:
+        if born == wanted or found + born == run.detections.shape[0]:
             break
         if not _is_shown(corners, c, pose) or not visible(view, corners.points[c], -_NEW_FEATURE_EDGE, z):
             continue
@@ -262,7 +262,7 @@ def _initialise_features(run: Run, rules: Record, corners: Corners, draws: np.nd
             memory[m].id = 0
         first, second = normal_pair(draws[4 * born + 2], draws[4 * born + 3])
         spread, _ = normal_pair(draws[4 * born + 4], draws[4 * born + 5])
-        entry, one = memory[m], run.candidate[found + born]
+        entry, one = memory[m], run.detections[found + born]
         one.id, one.log_ratio = 0, 0.0
         entry.std = FEATURE_STD * math.exp(_SPREAD * spread)
         one.pixel[0], one.pixel[1] = z[0] + entry.std * first, z[1] + entry.std * second

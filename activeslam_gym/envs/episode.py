@@ -8,7 +8,7 @@ import numpy as np
 from activeslam_gym.envs.identity import features_of_landmarks, landmark_errors
 from activeslam_gym.envs.observation import FARTHEST_CLEARANCE, observe
 from activeslam_gym.envs.reward import EVALUATION, LOST_PENALTY, REWARDS, Potential, potential_of_number
-from activeslam_gym.envs.run import EVENTS, Run, present, run_at
+from activeslam_gym.envs.run import EVENTS, Run, run_at, write_whole_estimate
 from activeslam_gym.envs.simulation import begin_motion, measure, simulate, update_estimate
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.entropy import LOG2_2PIE, gathered, log2_dets, traces
@@ -27,7 +27,7 @@ LOSS = 100.0  # what a loss costs, beside all that was gained [bit]
 
 
 @compiled
-def play(runs: Run, phases: np.ndarray, commands: np.ndarray, start: int, stop: int) -> None:
+def step_runs(runs: Run, phases: np.ndarray, commands: np.ndarray, start: int, stop: int) -> None:
     """One step of the runs ``start`` … ``stop - 1``: the one entry of every environment, single or batched.
 
     ``phases`` (B,) are STEP, BEGIN or REST; ``commands`` (B, 4) as in `motion.COMMANDS`; those of a BEGIN are zero.
@@ -49,7 +49,7 @@ def step(run: Run, command: np.ndarray, begins: bool) -> None:
     Where a run ``begins``, its prior alone is evaluated and observed. The reference of it is `perception.step`.
     """
     if begins:
-        present(run)
+        write_whole_estimate(run)
     start_step(run, command, math.inf, begins)
     frames = 0 if begins else run.models.task.frames_per_step
     for frame in range(frames):
@@ -108,9 +108,9 @@ def _give_reward(run: Run) -> None:
 
 
 def give_foreign_reward(name: str, potential: Potential, runs: Run, phases: np.ndarray) -> None:
-    """After `play`: a foreign ``potential`` of that ``name``, and the reward of the step.
+    """After `step_runs`: a foreign ``potential`` of that ``name``, and the reward of the step.
 
-    Where the estimate is not sound, the potential keeps its value. ``phases`` (B,) as in `play`.
+    Where the estimate is not sound, the potential keeps its value. ``phases`` (B,) as in `step_runs`.
     """
     for i in np.flatnonzero(phases != REST).tolist():
         episode = runs.episode[i]
@@ -127,7 +127,7 @@ def give_foreign_reward(name: str, potential: Potential, runs: Run, phases: np.n
 
 @compiled
 def evaluate(run: Run) -> None:
-    """Bring the evaluation and the potentials up to date, from the estimate.
+    """Bring the evaluation and the potentials up to date, from the estimate; ``terms`` become the potentials' gains.
 
     Where its covariance is not positive definite, the log score is UNSOUND_LOG_SCORE and the other potentials keep
     their values.

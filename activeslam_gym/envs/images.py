@@ -4,7 +4,7 @@ import numpy as np
 
 from activeslam_gym.camera import camera_point, pixel_from_camera_point
 from activeslam_gym.envs.identity import NO_OWNER, UNKNOWN, match_to_truth
-from activeslam_gym.envs.run import Run, present
+from activeslam_gym.envs.run import Run, write_whole_estimate
 from activeslam_gym.envs.setting import Setting
 from activeslam_gym.envs.simulation import close_frame
 from activeslam_gym.geometry import rotation_matrix
@@ -51,7 +51,7 @@ class ImagePerception:
 
     def begin(self, run: Run) -> None:
         """Write the prior."""
-        present(run)
+        write_whole_estimate(run)
 
     def frame(self, run: Run, u: np.ndarray, contact: bool) -> None:
         """Photograph the room, and let the front end search it, under the known accelerations ``u`` (6,)."""
@@ -59,7 +59,7 @@ class ImagePerception:
         if contact:
             self._filter.update_contact(u, float(run.models.motion.dt))
         self._look(run, u)
-        present(run)
+        write_whole_estimate(run)
         ids = run.estimate.landmark["id"][: int(run.estimate.state.count)]
         run.first_seen[: len(ids)] = self._front_end.first_seen(ids)
         self._front_end.add_feature_bias(run.estimate)
@@ -77,9 +77,9 @@ class ImagePerception:
         self._followed.look(state, self.image, found)
         for name, count in zip(_COUNTED, (log.initialised, log.deletions, log.rejected, int(counts["conversions"]))):
             events[name] += count
-        believed_first = found[np.argsort(found["match"] == REJECTED, kind="stable")][: len(run.candidate)]
-        run.candidate[: len(believed_first)] = believed_first
-        run.episode["detections"] = len(believed_first)
+        believed_first = found[np.argsort(found["match"] == REJECTED, kind="stable")][: len(run.detections)]
+        run.detections[: len(believed_first)] = believed_first
+        run.episode["detection_count"] = len(believed_first)
 
     def scene_points(self, ids: np.ndarray) -> np.ndarray:
         """(n, 3) of the features ``ids`` (n,): the scene point that each follows [m]."""
@@ -106,8 +106,8 @@ def account_scene(run: Run, scene_points: np.ndarray, spare: np.ndarray) -> None
             copy_into(world.landmarks[e], scene_points[k])
         else:
             copy_into(world.landmarks[e], spare[e])
-    for c in range(run.episode.detections):
-        run.label[c] = _label(run, scene_points, run.candidate[c].match, run.candidate[c].pixel)
+    for c in range(run.episode.detection_count):
+        run.label[c] = _label(run, scene_points, run.detections[c].match, run.detections[c].pixel)
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""The step in Python: the reference of the kernel `episode.play`, in which foreign scenes, sensors and estimators run.
+"""The step in Python, in which foreign scenes, sensors and estimators run: the reference of `episode.step_runs`.
 
 A frame is control and true motion, measurement, estimation, and data association by the hidden labels. A `Perception`
 is the sensor and the estimator of a run; the rest are the functions of which the kernel is made.
@@ -10,13 +10,13 @@ import numpy as np
 
 from activeslam_gym.envs.episode import BEGIN, REST, end_step, start_step
 from activeslam_gym.envs.observation import observe_clearance
-from activeslam_gym.envs.run import Run, known_boxes, present
+from activeslam_gym.envs.run import Run, known_boxes, write_whole_estimate
 from activeslam_gym.envs.setting import Setting
 from activeslam_gym.envs.simulation import (
     Start,
-    account,
     box_scene,
     identify,
+    judge_frame,
     measure,
     simulate,
     update_estimate,
@@ -25,7 +25,7 @@ from activeslam_gym.kernels import row, uncompiled
 from activeslam_gym.motion import POSITION, QUATERNION
 from activeslam_gym.registry import array_of, asked, name_of, part_of
 from activeslam_gym.sensors.points import PointSensor
-from activeslam_gym.sensors.sensor import CORNERS, IMAGES, POINTS, SENSORS, Detections
+from activeslam_gym.sensors.sensor import CORNERS, IMAGES, OWN_SENSORS, POINTS, Detections
 from activeslam_gym.slam.detection import REJECTED
 from activeslam_gym.slam.ekf import ESTIMATORS
 from activeslam_gym.slam.estimate import Estimate, put_estimate
@@ -66,7 +66,7 @@ def perception_of(setting: Setting, run: Run, start: Start, key: int) -> Percept
         return CornerPerception(setting, run, start.mean[:7], seed)
     if setting.scenario.sensor == POINTS and setting.scenario.estimator in COMPILED:
         return PointPerception(start.scene)
-    return ForeignPerception(run, start, seed)
+    return PythonPerception(run, start, seed)
 
 
 def is_compiled(setting: Setting) -> bool:
@@ -75,10 +75,10 @@ def is_compiled(setting: Setting) -> bool:
     return scenario.sensor == POINTS and scenario.estimator in COMPILED and not scenario.has_foreign_scene
 
 
-def play_rows(
+def step_runs_in_python(
     runs: Run, perceptions: list[Any], phases: np.ndarray, commands: np.ndarray, start: int, stop: int
 ) -> None:
-    """`episode.play`, with the scene, the sensor and the estimator of each run; a ValueError tells the frame."""
+    """`episode.step_runs`, with the scene, the sensor and the estimator of each run; a ValueError tells the frame."""
     for i in range(start, stop):
         try:
             if phases[i] != REST:
@@ -124,8 +124,8 @@ def measure_in(scene: Scene | None, run: Run) -> bool:
     """`simulation.measure` in a foreign ``scene``, whose bodies hide points."""
     labelled = bool(measure(run))
     if scene is not None:
-        detections = int(run.episode.detections)
-        run.episode.detections = drop_hidden(scene, run.world, run.candidate, run.label, detections)
+        detections = int(run.episode.detection_count)
+        run.episode.detection_count = drop_hidden(scene, run.world, run.detections, run.label, detections)
     return labelled
 
 
@@ -137,7 +137,7 @@ class PointPerception:
 
     def begin(self, run: Run) -> None:
         """Write the prior."""
-        present(run)
+        write_whole_estimate(run)
 
     def frame(self, run: Run, u: np.ndarray, contact: bool) -> None:
         """Measure and estimate."""
@@ -145,7 +145,7 @@ class PointPerception:
         update_estimate(run, u, contact, measure_in(self.scene, run), bool(ends))
 
 
-class ForeignPerception:
+class PythonPerception:
     """A foreign sensor, or the simulated points, with any estimator. What they answer is checked here."""
 
     def __init__(self, run: Run, start: Start, seed: np.random.SeedSequence) -> None:
@@ -155,7 +155,7 @@ class ForeignPerception:
         boxes, fiducials = uncompiled(known_boxes)(run).copy(), run.world.fiducials.copy()
         self._dt = scenario.frame_time
         self._simulated = scenario.sensor == POINTS
-        make_sensor = PointSensor if self._simulated else part_of("scenario.sensor", scenario.sensor, SENSORS)
+        make_sensor = PointSensor if self._simulated else part_of("scenario.sensor", scenario.sensor, OWN_SENSORS)
         self.sensor = asked(self._sensed, make_sensor, scenario, seed)
         if hasattr(self.sensor, "boxes"):
             self.sensor.boxes = boxes
@@ -172,13 +172,13 @@ class ForeignPerception:
         """Measure and estimate."""
         values, of = self._measured(run), self._name
         asked(f"predict() of {of}", lambda: self._estimator.predict(u, self._dt, contact))
-        found = run.candidate[: len(values)]
+        found = run.detections[: len(values)]
         noise = np.broadcast_to(self._noise, (len(values), *self._noise.shape))
         measurements = Measurements(values, noise, found["id"].copy())
         matched = asked(f"update() of {of}", lambda: self._estimator.update(measurements))
         found["match"] = array_of(f"what update() of {of} returns", matched, (len(values),), int)
         self._put_estimate(run, found["match"])
-        account(run)
+        judge_frame(run)
 
     def _put_estimate(self, run: Run, matched: np.ndarray) -> None:
         """Write the estimator's estimate into the run. Every id must be of a fiducial or of a landmark of it, and every
@@ -208,21 +208,21 @@ class ForeignPerception:
         """(M, d) the measurements; writes their pixels, labels and, where the scenario gives them, ids."""
         if self._simulated:
             measure_in(self.scene, run)
-            return run.candidate["pixel"][: int(run.episode.detections)].copy()
+            return run.detections["pixel"][: int(run.episode.detection_count)].copy()
         time, what = (int(run.world.state.frame) + 1) * self._dt, f"measure() of {self._sensed}"
         truth = truth_of(run.world, self.scene or box_scene(run))
         given = asked(what, lambda: Detections(*self.sensor.measure(truth, time)))
         values = array_of(f"values of {what}", given.values, (None, len(self._noise)))
         labels = array_of(f"labels of {what}", given.labels, (len(values),), int)
-        room, points = len(run.candidate), len(truth.fiducials) + len(truth.landmarks)
+        room, points = len(run.detections), len(truth.fiducials) + len(truth.landmarks)
         if not np.isfinite(values).all() or len(values) > room or not ((-1 <= labels) & (labels < points)).all():
             raise ValueError(
                 f"{what} must return at most {room} finite values, and labels in -1 … {points - 1}, "
                 f"got {values!r} and {labels!r}"
             )
-        run.episode.detections = len(values)
-        run.candidate["pixel"][: len(values)], run.label[: len(values)] = values[:, :2], labels
-        run.candidate["R"][: len(values)] = self._noise[:2, :2]
+        run.episode.detection_count = len(values)
+        run.detections["pixel"][: len(values)], run.label[: len(values)] = values[:, :2], labels
+        run.detections["R"][: len(values)] = self._noise[:2, :2]
         uncompiled(identify)(run)
         return values
 

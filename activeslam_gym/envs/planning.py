@@ -3,7 +3,7 @@
 import numpy as np
 
 from activeslam_gym.envs.observation import FARTHEST_CLEARANCE
-from activeslam_gym.envs.run import Run, known_boxes, present, run_at
+from activeslam_gym.envs.run import Run, known_boxes, run_at, write_whole_estimate
 from activeslam_gym.information.candidates import PredictedBelief, SensorLimits, predicted_belief_of, score_plans
 from activeslam_gym.information.net import net_of_plans
 from activeslam_gym.kernels import compiled
@@ -14,7 +14,7 @@ from activeslam_gym.motion import MOTION_COUNT
 def predicted_belief(run: Run) -> PredictedBelief:
     """The predicted belief of a run."""
     if not run.estimate.state.whole:
-        present(run)
+        write_whole_estimate(run)
     fiducials, clearance = run.world.fiducials, np.full(MOTION_COUNT, np.inf)  # fiducials are known
     if run.models.motion.bodies:
         for index in range(MOTION_COUNT):

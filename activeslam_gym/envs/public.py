@@ -9,9 +9,9 @@ import numpy as np
 
 from activeslam_gym.config import MOST_HELD_FRAMES
 from activeslam_gym.envs.context import context_of
-from activeslam_gym.envs.episode import give_foreign_reward, play
+from activeslam_gym.envs.episode import give_foreign_reward, step_runs
 from activeslam_gym.envs.identity import Labels, features_of_landmarks, landmark_errors
-from activeslam_gym.envs.perception import is_compiled, perception_of, play_rows
+from activeslam_gym.envs.perception import is_compiled, perception_of, step_runs_in_python
 from activeslam_gym.envs.planning import frames_left, net_of_runs, predicted_belief, score_runs
 from activeslam_gym.envs.run import Run, complete
 from activeslam_gym.envs.setting import Setting
@@ -25,14 +25,14 @@ from activeslam_gym.kernels import row, uncompiled
 from activeslam_gym.metrics import camera_error, nees
 from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, GAZE_COUNT, MOTION_COUNT
 from activeslam_gym.registry import FOREIGN, asked, name_of, number_of
-from activeslam_gym.sensors.sensor import SENSORS, TEXTURED
+from activeslam_gym.sensors.sensor import OWN_SENSORS, TEXTURED
 from activeslam_gym.slam.estimate import Estimate, read_only, taken_estimate
 from activeslam_gym.threads import Workers
 from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.truth import Truth, truth_of
 
 _LONGEST_HORIZON = 4
-_OWN_SENSORS = tuple(SENSORS)  # which a part that is no string is none of, whether it has a hash or not
+_SENSOR_NAMES = tuple(OWN_SENSORS)  # which a part that is no string is none of, whether it has a hash or not
 
 
 @dataclass(frozen=True)
@@ -118,14 +118,14 @@ class Reads:
                 self._perceptions[i] = perception_of(self.setting, row(self._runs, i), start, key)
 
     def _play(self, phases: np.ndarray, commands: np.ndarray) -> None:
-        """One step of every run: ``phases`` (B,) and ``commands`` (B, 4) as `episode.play` takes them."""
+        """One step of every run: ``phases`` (B,) and ``commands`` (B, 4) as `episode.step_runs` takes them."""
         if self._compiled:
-            self._workers.call(play, self._runs, phases, commands)
+            self._workers.call(step_runs, self._runs, phases, commands)
         elif self.setting.scenario.sensor in TEXTURED:
-            self._workers.call(play_rows, self._runs, self._perceptions, phases, commands)
+            self._workers.call(step_runs_in_python, self._runs, self._perceptions, phases, commands)
         else:  # parts in Python, whose threads would wait for each other
             with self._workers.alone:
-                play_rows(self._runs, self._perceptions, phases, commands, 0, len(phases))
+                step_runs_in_python(self._runs, self._perceptions, phases, commands, 0, len(phases))
         if self._foreign_reward:
             give_foreign_reward(self.setting.reward, self.setting.potential, self._runs, phases)
 
@@ -169,7 +169,7 @@ class Reads:
     def _evaluated(self, plans: np.ndarray, criterion: str | Criterion) -> np.ndarray:
         """(2, B, A) scores of ``plans``, and `Forecast.position_std`, which `score_runs` leaves at 0."""
         number = number_of("criterion", criterion, CRITERIA)
-        out, own_sensor = np.zeros((2, len(self._runs.episode), len(plans))), self.scenario.sensor in _OWN_SENSORS
+        out, own_sensor = np.zeros((2, len(self._runs.episode), len(plans))), self.scenario.sensor in _SENSOR_NAMES
         if not self._runs.episode["begun"].all():
             raise gymnasium.error.ResetNeeded("there is nothing to score before the first reset()")
         if number == NET and own_sensor:
@@ -188,7 +188,7 @@ class Reads:
         if criterion == "net_information":
             given = candidates.without_present(camera, given)
         var = float(camera.pixel_std**2)
-        if self.scenario.sensor in _OWN_SENSORS:
+        if self.scenario.sensor in _SENSOR_NAMES:
             look = partial(sight_after, camera, given)
         else:
             sight = partial(sight_by, self._perceptions[i].sensor, given, var)
@@ -294,9 +294,9 @@ class SingleReads(Reads):
     @property
     def labels(self) -> Labels:
         """Data association by the hidden labels; read-only copies for the evaluator, never for policies."""
-        run, count = self._run, int(self._run.episode.detections)
+        run, count = self._run, int(self._run.episode.detection_count)
         owners = run.owner["landmark"][: int(run.estimate.state.count)]
-        return Labels(read_only(owners), read_only(run.label[:count]), read_only(run.candidate["match"][:count]))
+        return Labels(read_only(owners), read_only(run.label[:count]), read_only(run.detections["match"][:count]))
 
     def expect(self, points: np.ndarray) -> None:
         """Put the expected landmarks at ``points`` (N, 3) [m]: for studies. A reset draws them again.

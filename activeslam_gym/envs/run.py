@@ -68,7 +68,7 @@ EPISODE = record(
     lost="b1",  # in this step or before
     lost_now="b1",
     sound="b1",  # the estimate is finite, and its covariance positive definite
-    detections="i8",  # in the last frame
+    detection_count="i8",  # of the last frame
     views="i8",  # viewpoints so far
     clearance=("f8", (MOTION_COUNT,)),  # how far the camera can go by each motion, where there are boxes [m]
     redraw_key=("u8", (1,)),  # the stream of expected landmarks that are drawn again
@@ -85,7 +85,7 @@ class Run(NamedTuple):
     estimate: EstimateArrays  # what everything else reads of the estimator
     expected: np.ndarray  # (N,) EXPECTED landmarks
     viewpoint: np.ndarray  # (V,) VIEW from which was looked for them; V = 0 without negative information
-    candidate: np.ndarray  # (M,) DETECTION: the last frame's detections, as the filter gets them
+    detections: np.ndarray  # (M,) DETECTION: the last frame's detections, as the filter gets them
     label: np.ndarray  # (M,) of what each of them is; see `World`. For scoring alone
     first_seen: np.ndarray
     """(F, 3) where the camera was when each landmark of the estimate was initialised [m]; (0, 3) where that does not
@@ -105,7 +105,7 @@ def run_at(runs, i, covariance):  # type: ignore[no-untyped-def]
         estimate_at(runs.estimate, i, covariance),
         borrowed(runs.expected[i]),
         borrowed(runs.viewpoint[i]),
-        borrowed(runs.candidate[i]),
+        borrowed(runs.detections[i]),
         borrowed(runs.label[i]),
         borrowed(runs.first_seen[i]),
         borrowed(runs.owner[i]),
@@ -122,7 +122,7 @@ def known_boxes(run: Run) -> np.ndarray:
 
 
 @compiled
-def odometry(run: Run) -> np.ndarray:
+def pose_for_control(run: Run) -> np.ndarray:
     """(13,) the camera that the controller reads: the estimate of a robot, the truth where a person's hand moves it.
 
     A person does not read the filter, and the filter does not know the person's commands.
@@ -131,7 +131,7 @@ def odometry(run: Run) -> np.ndarray:
 
 
 @compiled
-def present(run: Run) -> None:
+def write_whole_estimate(run: Run) -> None:
     """Write the whole estimate."""
     write_estimate(run.ekf, run.models.filter.initialisation.mapped_depth_ratio, run.estimate)
 
@@ -142,4 +142,4 @@ def complete(runs: Run, start: int, stop: int) -> None:
     for i in range(start, stop):
         run = run_at(runs, i, runs.estimate.covariance[i])
         if not run.estimate.state.whole:
-            present(run)
+            write_whole_estimate(run)

@@ -25,7 +25,7 @@ from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.kernels import Record, filled
 from activeslam_gym.motion import motion_of
 from activeslam_gym.registry import name_of, number_of, part_of
-from activeslam_gym.sensors.sensor import SENSORS, TEXTURED
+from activeslam_gym.sensors.sensor import OWN_SENSORS, TEXTURED
 from activeslam_gym.slam.ekf import ESTIMATORS
 from activeslam_gym.slam.frame import filter_of
 from activeslam_gym.world.room import scene_factory
@@ -106,7 +106,7 @@ def resolve(
         raise ValueError(f"end_when_lost must be True or False, got {end_when_lost!r}")
     if check := getattr(part_of("scenario.estimator", resolved.estimator, ESTIMATORS), "check", None):
         check(resolved)
-    part_of("scenario.sensor", resolved.sensor, SENSORS)
+    part_of("scenario.sensor", resolved.sensor, OWN_SENSORS)
     part_of("scenario.motion_criterion", resolved.motion_criterion, CRITERIA)
     if resolved.sensor in TEXTURED:
         from activeslam_gym.envs.textured import require_textured

@@ -10,7 +10,7 @@ from activeslam_gym.config import UNIFORM, Scenario
 from activeslam_gym.envs.disproof import VIEWS, disprove
 from activeslam_gym.envs.identity import OWNER, judge_matches, match_to_truth, true_id
 from activeslam_gym.envs.observation import layout_of
-from activeslam_gym.envs.run import EPISODE, MODELS, Run, known_boxes, odometry, present
+from activeslam_gym.envs.run import EPISODE, MODELS, Run, known_boxes, pose_for_control, write_whole_estimate
 from activeslam_gym.envs.setting import Setting, models_of
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.expectation import EXPECTED, VIEW, WAITING, find_counting, update_expectation
@@ -46,15 +46,15 @@ from activeslam_gym.world.simulator import (
 
 def empty_runs(scenario: Scenario, count: int) -> Run:
     """``count`` runs of the scenario's capacity: arrays with a leading axis. `reset_run` fills one of them."""
-    features, detections = feature_capacity(scenario), detection_capacity(scenario)
+    features, capacity = feature_capacity(scenario), detection_capacity(scenario)
     textured = scenario.sensor in TEXTURED
     box_count = scenario.box_capacity
     if textured:  # their rooms have boxes of their own
         from activeslam_gym.vision.room.scene import BOX_COUNT
 
         box_count = BOX_COUNT
-    candidate = np.zeros((count, detections), DETECTION)
-    candidate["R"] = scenario.pixel_std**2 * np.eye(2)
+    detections = np.zeros((count, capacity), DETECTION)
+    detections["R"] = scenario.pixel_std**2 * np.eye(2)
     return Run(
         models=np.zeros(count, MODELS),
         world=empty_worlds(scenario, count, box_count),
@@ -62,8 +62,8 @@ def empty_runs(scenario: Scenario, count: int) -> Run:
         estimate=empty_estimates(features, count),
         expected=np.zeros((count, scenario.landmark_count), EXPECTED),
         viewpoint=np.zeros((count, VIEWS if scenario.negative_information else 0), VIEW),
-        candidate=candidate,
-        label=np.zeros((count, detections), np.int64),
+        detections=detections,
+        label=np.zeros((count, capacity), np.int64),
         first_seen=np.zeros((count, features if textured else 0, 3)),
         owner=np.zeros((count, features), OWNER),
         episode=np.zeros(count, EPISODE),
@@ -83,7 +83,7 @@ class Start(NamedTuple):
 def reset_run(setting: Setting, runs: Run, i: int, key: int) -> Start:
     """Begin a new episode of run ``i`` of ``runs`` from ``key``, a non-negative integer.
 
-    Room, expected landmarks and noise are separate streams of it. `play` with BEGIN evaluates the run.
+    Room, expected landmarks and noise are separate streams of it. `step_runs` with BEGIN evaluates the run.
     """
     room, expected, noise, sight, redraws = np.random.SeedSequence(key).spawn(5)
     rng = np.random.default_rng(room)
@@ -92,7 +92,7 @@ def reset_run(setting: Setting, runs: Run, i: int, key: int) -> Start:
     run = row(runs, i)
     if scenario is not setting.scenario:
         runs.models[i] = models_of(scenario, setting.task, setting.motion_period)
-        run.candidate["R"] = scenario.pixel_std**2 * np.eye(2)
+        run.detections["R"] = scenario.pixel_std**2 * np.eye(2)
     anywhere = scenario.sensor in TEXTURED  # landmarks stand for the parts of the room that no feature has
     drawn = draw_room(dataclasses.replace(scenario, landmark_layout=UNIFORM) if anywhere else scenario, rng)
     put_room(run.world, drawn)
@@ -147,7 +147,7 @@ def begin_motion(run: Run, command: np.ndarray, reach: float) -> None:
     Where there are boxes it stops short of what is in the way, or keeps off it on all sides. ``reach``: so far a
     foreign scene lets the camera go [m]; infinite where there is none.
     """
-    control, motion, camera = run.episode.control, run.models.motion, odometry(run)
+    control, motion, camera = run.episode.control, run.models.motion, pose_for_control(run)
     d = motion.step_length * command[:3]
     copy_into(control.command, command[:3])
     if motion.bodies:
@@ -168,7 +168,7 @@ def simulate(run: Run, gaze: float) -> tuple[np.ndarray, bool]:
     motion, control = run.models.motion, run.episode.control
     turn = turn_by(motion, gaze, run.world.state.frame * motion.dt)
     seconds = control.frames * motion.dt
-    u = accelerations(motion, odometry(run), control.start, control.goal, seconds, turn)
+    u = accelerations(motion, pose_for_control(run), control.start, control.goal, seconds, turn)
     contacts = move(motion, run.world, u)
     run.episode.events.wall_contacts += contacts
     control.frames += 1
@@ -181,7 +181,7 @@ def simulate(run: Run, gaze: float) -> tuple[np.ndarray, bool]:
 def measure(run: Run) -> bool:
     """The detections of the frame under way; whether their ids are the true ones."""
     models, world = run.models, run.world
-    run.episode.detections = detect(models.true_camera, models.sensor, world, run.candidate, run.label)
+    run.episode.detection_count = detect(models.true_camera, models.sensor, world, run.detections, run.label)
     return identify(run)
 
 
@@ -190,8 +190,8 @@ def identify(run: Run) -> bool:
     """Give the detections their true ids, where the scenario does; whether it does in this frame."""
     task = run.models.task
     labelled = task.association_known or (task.labelled_first_match and run.world.state.frame == 0)
-    for i in range(run.episode.detections):
-        run.candidate[i].id = (
+    for i in range(run.episode.detection_count):
+        run.detections[i].id = (
             true_id(run.owner, run.world.fiducials.shape[0], run.label[i]) if labelled else UNASSOCIATED
         )
     return labelled
@@ -204,24 +204,24 @@ def update_estimate(run: Run, u: np.ndarray, contact: bool, labelled: bool, ends
     ``ends``: the frame is the last of a step, whose estimate is whole; in the middle it has what `close_frame` reads.
     """
     models, belief, fiducials, boxes = run.models, run.ekf, run.world.fiducials, known_boxes(run)
-    events, detections = run.episode.events, run.candidate[: run.episode.detections]
+    events, detections = run.episode.events, run.detections[: run.episode.detection_count]
     if contact:
         update_contact(belief, u, models.motion.dt)
     filter_frame(models, belief, fiducials, boxes, u, detections, labelled, events)
     if ends:
-        present(run)
+        write_whole_estimate(run)
     else:
         write_outline(run.ekf, run.estimate)
         write_points(run.ekf, find_counting(run.expected, run.estimate), run.estimate)
-    account(run)
+    judge_frame(run)
 
 
 @compiled
-def account(run: Run) -> None:
-    """After the estimator: the data association by the hidden labels, wrong matches and features from clutter."""
-    events, count, K = run.episode.events, run.episode.detections, run.world.fiducials.shape[0]
+def judge_frame(run: Run) -> None:
+    """After the estimator: count wrong matches and features from clutter by the hidden labels, and close the frame."""
+    events, count, K = run.episode.events, run.episode.detection_count, run.world.fiducials.shape[0]
     match_to_truth(run.owner, run.estimate)
-    wrong, false = judge_matches(run.owner, run.estimate, K, run.candidate[:count], run.label[:count])
+    wrong, false = judge_matches(run.owner, run.estimate, K, run.detections[:count], run.label[:count])
     events.wrong_matches += wrong
     events.false_features += false
     close_frame(run)

@@ -140,7 +140,7 @@ def snapshot_of(setting: Setting, run: Run, gaze: Gaze, history: History, percep
         landmarks=belief.landmarks,
         mapped=belief.mapped,
         expected_landmarks=run.expected["point"][run.expected["serial"] == WAITING],
-        detections=run.candidate["pixel"][: episode.detections].copy(),
+        detections=run.detections["pixel"][: episode.detection_count].copy(),
         predicted=points.point["z_hat"][:drawn].copy(),
         predicted_covariance=points.S[np.swapaxes(own, 1, 2), own],
         **history.arrays(),

@@ -53,5 +53,5 @@ class Sensor(Protocol):
         """(m,) bool: which of the ``points`` (m, 3) would be measured from ``camera`` (13,)."""
 
 
-SENSORS: Mapping[str, None] = MappingProxyType(dict.fromkeys((POINTS, IMAGES, CORNERS)))
+OWN_SENSORS: Mapping[str, None] = MappingProxyType(dict.fromkeys((POINTS, IMAGES, CORNERS)))
 """Names of the package's own sensors, which the environment itself makes."""

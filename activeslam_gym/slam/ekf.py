@@ -53,7 +53,10 @@ _STEPS = 10  # of Gauss and Newton from there
 
 
 class Ekf:
-    """The extended Kalman filter as an `Estimator`, for any ``sensor`` (see `sensors.sensor.Sensor`)."""
+    """The extended Kalman filter as an `Estimator`, for any ``sensor`` (see `sensors.sensor.Sensor`).
+
+    With the sensor `points` the environment runs `frame.filter_frame` instead, which is compiled.
+    """
 
     def __init__(self, scenario: Scenario, fiducials: np.ndarray, sensor: Any) -> None:
         self.scenario, self.fiducials, self.sensor = scenario, fiducials, sensor

@@ -50,7 +50,7 @@ from activeslam_gym.slam.belief import (
     Belief,
     point_of,
 )
-from activeslam_gym.slam.sight import POSE_DIM, Sight, measure, sight_with
+from activeslam_gym.slam.sight import POSE_DIM, Sight, predict_pixel, sight_with
 
 _NEAREST = 0.1  # nearer than that, a view changes no faster [m]
 _LEAST_LEVEL = 0.2
@@ -196,7 +196,7 @@ def _bend(
     for a in range(points.shape[0]):
         point = points[a]
         said = (line[2 * a] + _along(point, 0, delta), line[2 * a + 1] + _along(point, 1, delta))
-        if not measure(view, belief, fiducials, point):
+        if not predict_pixel(view, belief, fiducials, point):
             return 0.0
         bent = max(bent, abs(point.z_hat[0] - said[0]), abs(point.z_hat[1] - said[1]))
     return bent

@@ -213,7 +213,7 @@ def visibility_of(lens: Record, z_hat: np.ndarray, S: np.ndarray) -> int:
 
 
 @borrowing
-def measure(view: View, belief: Belief, fiducials: np.ndarray, point: Record) -> bool:
+def predict_pixel(view: View, belief: Belief, fiducials: np.ndarray, point: Record) -> bool:
     """Write pixel and Jacobians of a ``point`` of the belief at its present mean; False where it is not in front."""
     K, z, H_x, H_y = fiducials.shape[0], point.z_hat, point.H_camera, point.H_feature
     if point.row < K:
@@ -244,7 +244,7 @@ def sight_of_belief(lens: Record, belief: Belief, fiducials: np.ndarray, boxes: 
         vague = row >= K and belief.feature[row - K].kind != POINT
         point, y = points[v], _expected_place(belief, fiducials, row)
         _describe(belief, K, row, point)
-        if in_reach(view, y, lens.width, point.z_hat) and measure(view, belief, fiducials, point):
+        if in_reach(view, y, lens.width, point.z_hat) and predict_pixel(view, belief, fiducials, point):
             own_innovation(lens, P, point.column, point.width, point.H_camera, point.H_feature, S)
             _write_noise(lens, point)
             if vague:

@@ -55,7 +55,7 @@ curves: $(VENV)/.agents ## learning curves in office, and how much is left there
 		$(RUN) -m agents train --recipe quick --initial generalist --learning-rate 3e-4 --entropy-bonus 0.002 \
 			--scenario office --seed $$seed --test-episodes 0 --out results/curves/initial-$$seed || exit 1; \
 	done
-	$(RUN) -m studies.learning results/curves/*-? --jobs $(WORKERS) --out results/curves --report docs/policies.md
+	$(RUN) -m studies.learning --folders results/curves/*-? --jobs $(WORKERS) --out results/curves --report docs/policies.md
 	$(RUN) -m studies.upper_reference --jobs $(WORKERS) --out results/curves --report docs/policies.md
 
 leaderboard: $(VENV)/.agents $(VENV)/.advice ## play the test episodes of the suite, and make its page (hours; what is of this BEHAVIOUR already stays; with EPISODES=8 twenty minutes)

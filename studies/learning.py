@@ -1,7 +1,7 @@
 """Learning curves: log score and failures in validation episodes against decisions, of trainings by `agents train`.
 
     python -m agents train --scenario office --seed 0 --out results/curves/ppo-0
-    python -m studies.learning results/curves/ppo-? --policies greedy-plus mi-mi generalist
+    python -m studies.learning --folders results/curves/ppo-? --policies greedy-plus mi-mi generalist
 
 Folders that differ in the last part of their name, after "-", are seeds of one curve. Each scenario has a panel. The
 policies play the validation episodes once, and stand as lines.
@@ -11,11 +11,12 @@ import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import tyro
 
+import baselines
 from activeslam_gym.config import benchmark_seed
 from agents.figures import grid_of_panels, legend_below, save_figure
 from agents.learn.recipe import CURVE
@@ -25,7 +26,7 @@ from agents.tools.sections import table
 from agents.tools.statistics import Estimate, estimate
 from studies import Study, played, publish, run, settings_of, tasks
 
-HEADER = ("scenario", "learner", "seeds", "decisions to reach the best policy", "log score at the end", "failures, %")
+HEADER = ("scenario", "learner", "seeds", "decisions to reach the best baseline", "log score at the end", "failures, %")
 Curves = Mapping[str, Mapping[str, list[np.ndarray]]]
 """By scenario and learner: of each seed (n, 3) decisions, log score [bit] and share of failures."""
 
@@ -49,7 +50,7 @@ def rows_of(curves: Curves, policies: Mapping[str, Mapping[str, Estimate]]) -> l
     """Rows of the table: seeds in the median, and their range."""
     rows = []
     for scenario, learners in curves.items():
-        best = max(one.value for one in policies[scenario].values())
+        best = max(one.value for name, one in policies[scenario].items() if name in baselines.names())
         for learner, seeds in learners.items():
             reached = [next((int(n) for n, score, _ in one if score >= best), None) for one in seeds]
             known = [one for one in reached if one is not None]
@@ -62,7 +63,7 @@ def rows_of(curves: Curves, policies: Mapping[str, Mapping[str, Estimate]]) -> l
 
 def draw(curves: Curves, policies: Mapping[str, Mapping[str, Estimate]], path: Path) -> None:
     """A panel for each scenario: the seeds of each learner, and the policies as lines."""
-    figure, grid = grid_of_panels(1, len(curves), (4.0, 3.0), sharey=False)
+    figure, grid = grid_of_panels(1, len(curves), (6.0, 3.2))
     for axes, (scenario, learners) in zip(grid[0], curves.items()):
         for k, (learner, seeds) in enumerate(learners.items()):
             for j, one in enumerate(seeds):
@@ -70,7 +71,7 @@ def draw(curves: Curves, policies: Mapping[str, Mapping[str, Estimate]], path: P
         for style, (policy, score) in zip(("--", ":", "-.", (0, (1, 4))), policies[scenario].items()):
             axes.axhline(score.value, color="0.4", linestyle=style, linewidth=1.0, label=policy)
         axes.set(title=scenario, xlabel="decisions", ylabel="log score [bit], validation")
-    legend_below(figure, grid[0, :1])
+    legend_below(figure, grid[0, :1], 3)
     save_figure(figure, path)
 
 
@@ -78,7 +79,7 @@ def draw(curves: Curves, policies: Mapping[str, Mapping[str, Estimate]], path: P
 class Args(Study):
     """Learning curves of trainings, beside policies in the same validation episodes."""
 
-    folders: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    folders: tuple[Path, ...]
     """Folders of `agents train`."""
     section = "learning"
     policies: tuple[str, ...] = ("greedy-plus", "mi-mi", "best-sequence", "generalist")
@@ -101,7 +102,14 @@ def main(args: Args) -> None:
         }
     place = args.report.parent / "images" if args.report else args.out or Path("results")
     draw(curves, policies, place / "learning.png")
-    publish(args.report, args.section, table(HEADER, rows_of(curves, policies)), command_line("studies.learning", args))
+    scores = [
+        [f"`{scenario}`", f"`{name}`", score.text(1.0, 0)]
+        for scenario, own in policies.items()
+        for name, score in own.items()
+    ]
+    others = table(("scenario", "policy", "log score"), scores)
+    text = f"{table(HEADER, rows_of(curves, policies))}\n\n{others}"
+    publish(args.report, args.section, text, command_line("studies.learning", args))
 
 
 if __name__ == "__main__":

@@ -14,7 +14,8 @@ from activeslam_gym.world.truth import Truth
 class PointSensor:
     """A `Sensor`: the pixels of fiducials and landmarks.
 
-    A subclass may predict more numbers, with a larger ``noise``; they are measured as they are predicted.
+    A subclass may predict more numbers, with a larger ``noise``; they are measured as they are predicted. A point on a
+    surface is seen from all sides, unlike by `points`.
     """
 
     def __init__(self, scenario: Scenario, seed: np.random.SeedSequence) -> None:
@@ -27,10 +28,11 @@ class PointSensor:
         """Measure what is visible, and hidden by nothing; the draws of a point are its own.
 
         Raises:
-            ValueError: the scenario has clutter, which the sensor `points` alone simulates.
+            ValueError: the scenario has clutter or another true lens, which the sensor `points` alone simulates.
         """
-        if self._scenario.clutter_rate > 0.0:
-            raise ValueError(f"scenario.clutter_rate must be 0, got {self._scenario.clutter_rate}")
+        for name, absent in (("clutter_rate", 0.0), ("true_focal_px", None), ("true_distortion", None)):
+            if (given := getattr(self._scenario, name)) != absent:
+                raise ValueError(f"scenario.{name} must be {absent}, got {given}: a sensor of one's own has none")
         points = np.vstack((truth.fiducials, truth.landmarks))
         rng = np.random.default_rng((*self._key, round(1e6 * time)))
         noise = rng.standard_normal((len(points), len(self.noise))) @ np.linalg.cholesky(self.noise).T

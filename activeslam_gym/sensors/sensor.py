@@ -45,9 +45,9 @@ class Sensor(Protocol):
         """What is measured at ``time`` [s]. Noise must depend on the seed and the time alone, not on earlier calls."""
 
     def predict(self, camera: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The measurement (d,) of a world ``point`` (3,) from ``camera`` (13,), and its Jacobians by the camera's
-        position and rotation, (d, 6), and by the point, (d, 3). Rotation is perturbed in the world frame. NaN where
-        there is none."""
+        """h(x), no prediction in time: the measurement (d,) of a world ``point`` (3,) from ``camera`` (13,), and its
+        Jacobians by the camera's position and rotation, (d, 6), and by the point, (d, 3). Rotation is perturbed in the
+        world frame. NaN where there is none."""
 
     def visible(self, camera: np.ndarray, points: np.ndarray) -> np.ndarray:
         """(m,) bool: which of the ``points`` (m, 3) would be measured from ``camera`` (13,)."""

@@ -47,7 +47,7 @@ class Estimator(Protocol):
 
     def update(self, measurements: Measurements) -> np.ndarray:
         """Associate, update, and initialise landmarks: (M,) the id that each measurement was used for, new ones
-        included, or `NO_MATCH`."""
+        included; `NO_MATCH`, or `detection.REJECTED` where it was too ambiguous to be used."""
 
     def estimate(self) -> Estimate:
         """The present state estimate."""

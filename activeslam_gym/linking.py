@@ -35,7 +35,7 @@ from .files import written_whole
 _PACKAGE = Path(__file__).parent
 _UPPER_FLOOR = _PACKAGE / "vision"  # its kernels call those of the modules below it, and never the other way round
 _SIGNS = b"@compiled", b"@borrowing", b"@inlined", b" = record(", b" = constants(", b"one_of("
-"""What tells a module that kernels are made of."""
+"""Texts in the source of a module from which kernels are made."""
 
 
 class _Part(JITCodeLibrary):

@@ -16,7 +16,8 @@ from activeslam_gym.information.candidates import motion_plans, score_plans
 from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.metrics import CLOSURE_GAP, LoopClosures
 from agents import task as tasks
-from studies import consistency, measures, paper
+from agents.tools.statistics import estimate
+from studies import consistency, learning, measures, paper, upper_reference
 from studies.removals import REMOVALS
 from studies.worth import compared
 from tests.test_compare import episode
@@ -158,3 +159,32 @@ def test_the_command_fills_its_page(tmp_path: Path) -> None:
     assert "python -m studies.paper --episodes 2 --seconds 2 --seed 1000000\n" in page.read_text()
     pictures = {path.stem for path in (tmp_path / "images" / "paper").glob("*.png")}
     assert pictures == {"maps", "entropies", "errors", "live"}
+
+
+def test_a_search_in_the_true_room_is_no_worse_than_what_it_tried_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    given = {"autoreset_mode": "DISABLED", "gaze_period": 1.0, "end_when_lost": False}
+    env = gym.make_vec("ActiveSLAM-v0", num_envs=16, scenario="office", duration=3.0, **given)
+    held = np.array([(motion, gaze) for motion in range(7) for gaze in range(3)])[:16]
+    scores = upper_reference.play(env, 7, np.repeat(held[:, None], 3, axis=1))
+    np.testing.assert_array_equal(scores, upper_reference.play(env, 7, np.repeat(held[:, None], 3, axis=1)))
+    found = []
+    for generations in (1, 6):
+        monkeypatch.setattr(upper_reference, "GENERATIONS", generations)
+        found.append(upper_reference.search(env, 7, 3))
+    assert found[0] < found[1] and found[1] > np.median(scores)
+    env.close()
+
+
+def test_learning_curves_are_read_by_seed_and_held_against_the_best_baseline(tmp_path: Path) -> None:
+    for seed, scores in enumerate(((100.0, 300.0), (150.0, 200.0))):
+        (tmp_path / f"ppo-{seed}").mkdir()
+        lines = [f"{1000 * k},1,office,8,{score},0.25,1.0" for k, score in enumerate(scores)]
+        header = "decisions,seconds,scenario,episodes,log_score,failures,policy_entropy"
+        (tmp_path / f"ppo-{seed}" / "curve.csv").write_text("\n".join([header, *lines]) + "\n")
+    curves = learning.read_curves(sorted(tmp_path.iterdir()))
+    policies = {"office": {"mi-mi": estimate([180.0] * 8, "IQM"), "generalist": estimate([900.0] * 8, "IQM")}}
+    assert learning.rows_of(curves, policies) == [["`office`", "ppo", "2", "1,000", "250 [200, 300]", "25.0"]]
+    policies["office"]["mi-mi"] = estimate([250.0] * 8, "IQM")
+    assert learning.rows_of(curves, policies)[0][3] == "1 of 2 seeds do"
+    with pytest.raises(ValueError, match="cannot be read"):
+        learning.read_curves([tmp_path / "nothing"])

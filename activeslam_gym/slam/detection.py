@@ -1,4 +1,4 @@
-"""Detections, and the joint Gaussian of the predicted pixels, which tells how far they are from what is known."""
+"""Detections, and the joint Gaussian of the predicted pixels, by which their distance from the map is judged."""
 
 import math
 

@@ -45,7 +45,7 @@ class FrameLog(NamedTuple):
     relocalised: bool  # the map was lost, and found again in this image
     metric: bool  # the scale is known: there are fiducials
     milliseconds: float  # of computation
-    start_certain: bool = True  # the motion of the first images was told without doubt: so it is with a target
+    start_certain: bool = True  # whether the first motion is certain, as it is with a target
 
 
 FIRST = FrameLog(0.0, 0, 0, 0, 0, 0, 0, 0, True, False, False, False, 0.0)

@@ -114,7 +114,7 @@ class BestWeights(BaseCallback):
             self._visit()  # the initial weights may be the best
 
     def _on_rollout_start(self) -> None:
-        if self.args.entropy_bonus:
+        if self.args.entropy_bonus and self.args.algorithm in ("ppo", "a2c"):
             left = max(0.0, 1.0 - self.num_timesteps / self.args.total_steps)
             self.model.ent_coef = self.args.entropy_bonus * LAST_ENTROPY ** (1.0 - left)
 

@@ -118,7 +118,7 @@ QUICK: dict[str, Any] = {
     **{"total_steps": 40_000, "period": 5_000},
 }
 RECIPES = {"quick": QUICK, "full": QUICK | {"total_steps": 200_000, "period": 20_000}}
-"""Arguments of `Args` by the name of a recipe; docs/policies.md has their curves."""
+"""Arguments of `Args` by the name of a recipe; docs/policies.md has the curves of ``quick``."""
 
 
 def expanded(arguments: Sequence[str]) -> list[str]:
@@ -137,8 +137,8 @@ class Args(Recipe):
     """Train a policy; write the weights that did best in validation episodes, their card, a checkpoint and logs."""
 
     recipe: Literal["", "quick", "full"] = ""
-    """Arguments by name, for scenarios in which decisions pay: quick, or full, until the curve is flat. Arguments that
-    follow it replace its own."""
+    """Arguments by name, for scenarios in which decisions pay: quick, or full with five times its decisions. Arguments
+    that follow it replace its own."""
     out: Path = Path("results/train")
     """Folder of the results; a checkpoint in it is resumed."""
     device: str = "cpu"

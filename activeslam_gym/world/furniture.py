@@ -42,24 +42,27 @@ def _inner_walls(scenario: Scenario, rng: np.random.Generator) -> list[np.ndarra
 
 def _draw_box(scenario: Scenario, rng: np.random.Generator) -> np.ndarray:
     """(2, 3) a box on the floor: somewhere, or (one of two) against a wall."""
-    half = 0.5 * np.array(scenario.room_size)
-    size = np.array([rng.uniform(*bounds) for bounds in (scenario.box_width, scenario.box_height, scenario.box_width)])
-    size = np.minimum(size, 2.0 * half)
-    low = rng.uniform(-half, half - size)
-    if rng.random() < 0.5:
+    half = [0.5 * side for side in scenario.room_size]
+    drawn, size, low = rng.random(7).tolist(), [0.0] * 3, [0.0] * 3
+    for k, (least, most) in enumerate((scenario.box_width, scenario.box_height, scenario.box_width)):
+        size[k] = min(least + (most - least) * drawn[k], 2.0 * half[k])
+        low[k] = -half[k] + (half[k] - size[k] + half[k]) * drawn[3 + k]
+    if drawn[6] < 0.5:
         axis, side = 2 * int(rng.integers(2)), int(rng.integers(2))
         low[axis] = (-half[axis], half[axis] - size[axis])[side]
     low[1] = -half[1]
-    return np.stack((low, low + size))
+    return np.array((low, [a + b for a, b in zip(low, size, strict=True)]))
 
 
 def _stands_well(box: np.ndarray, boxes: list[np.ndarray], scenario: Scenario) -> bool:
     """Whether a passage is left between a ``box`` and each of the ``boxes``, and each wall that it does not touch."""
-    half, plan = 0.5 * np.array(scenario.room_size), [0, 2]
-    gaps = np.concatenate((box[0] + half, half - box[1]))[[0, 2, 3, 5]]
-    if not ((gaps == 0.0) | (gaps >= PASSAGE)).all():
-        return False
-    return all(np.maximum(other[0] - box[1], box[0] - other[1])[plan].max() >= PASSAGE for other in boxes)
+    low, high = box.tolist()
+    for k in (0, 2):
+        half = 0.5 * scenario.room_size[k]
+        if not all(gap == 0.0 or gap >= PASSAGE for gap in (low[k] + half, half - high[k])):
+            return False
+    each = (other.tolist() for other in boxes)
+    return all(max(max(o[0][k] - high[k], low[k] - o[1][k]) for k in (0, 2)) >= PASSAGE for o in each)
 
 
 def inside_any(points: np.ndarray, boxes: np.ndarray, margin: float = 0.0) -> np.ndarray:
@@ -77,7 +80,8 @@ def first_hits(boxes: np.ndarray, half: np.ndarray, p: np.ndarray, ways: np.ndar
         ends = (boxes[None] - p) / ways[:, None, None]  # (n, B, 2, 3)
     if not len(boxes):
         return walls
-    near, far = ends.min(axis=2).max(axis=2), ends.max(axis=2).min(axis=2)
+    first, second = ends[:, :, 0], ends[:, :, 1]
+    near, far = np.minimum(first, second).max(axis=2), np.maximum(first, second).min(axis=2)
     return np.minimum(walls, np.where((near < far) & (near > 0.0), near, np.inf).min(axis=1))
 
 

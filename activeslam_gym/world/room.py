@@ -119,19 +119,25 @@ def uniform_points(scenario: Scenario, count: int, rng: np.random.Generator) -> 
 def expected_points(scenario: Scenario, room: Room, rng: np.random.Generator) -> np.ndarray:
     """(L, 3) where landmarks are expected [m]: anywhere in the room, or on its walls and known boxes (surfaces)."""
     if scenario.on_surfaces:
-        anywhere = dataclasses.replace(scenario, point_spacing=0.0)
         known = room.boxes if scenario.boxes_known else room.boxes[:0]
-        return _landmarks(anywhere, known, np.empty((0, 3)), rng)[:, :3]
+        return _landmarks(scenario, known, np.empty((0, 3)), rng, spacing=0.0)[:, :3]
     return uniform_points(scenario, scenario.landmark_count, rng)
 
 
 def _landmarks(
-    scenario: Scenario, boxes: np.ndarray, taken: np.ndarray, rng: np.random.Generator, scene: Scene | None = None
+    scenario: Scenario,
+    boxes: np.ndarray,
+    taken: np.ndarray,
+    rng: np.random.Generator,
+    scene: Scene | None = None,
+    spacing: float | None = None,
 ) -> np.ndarray:
     """(L, 3) landmarks in no box, or (L, 6) with the normals of the surfaces that they are on, apart from each other.
 
-    They are as far from the ``taken`` points (n, 3) too. ``scene``: the foreign one, on which they are.
+    They are as far from the ``taken`` points (n, 3) too. ``scene``: the foreign one, on which they are. ``spacing``
+    [m]: in place of the scenario's.
     """
+    spacing = scenario.point_spacing if spacing is None else spacing
     count, half = scenario.landmark_count, 0.5 * np.array(scenario.room_size)
     if scenario.landmark_layout == CLUSTERS:
         centres = uniform_points(scenario, scenario.cluster_count, rng) * 0.9
@@ -147,8 +153,13 @@ def _landmarks(
         else:
             drawn = uniform_points(scenario, count, rng)
         candidates = drawn if scenario.has_normals else drawn[~inside_any(drawn, boxes)]
-        free: Any = ~_near(candidates, np.concatenate(apart), scenario.point_spacing).any(axis=1)
-        near = _near(candidates, candidates, scenario.point_spacing)
+        if not spacing:
+            found += list(candidates[: count - len(found)])
+            if len(found) == count:
+                return np.array(found)
+            continue
+        free: Any = ~_near(candidates, np.concatenate(apart), spacing).any(axis=1)
+        near = _near(candidates, candidates, spacing)
         for k in range(len(candidates)):
             if free[k] and len(found) < count:
                 found.append(candidates[k])
@@ -156,7 +167,7 @@ def _landmarks(
         if len(found) == count:
             return np.array(found)
         apart = [taken, *(point[None, :3] for point in found)]
-    crowd = f"its landmarks do not fit in a room, {scenario.point_spacing:g} m apart"
+    crowd = f"its landmarks do not fit in a room, {spacing:g} m apart"
     raise NoRoomError(f"scenario {scenario.name!r}: {crowd}")
 
 

@@ -10,20 +10,18 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
     from activeslam_gym.evaluation import Predictor
     from baselines.policy import Environment
 
 
-def load(name: str, env: Environment, folder: Path | None = None, seed: int | Sequence[int] = 0) -> Predictor:
+def load(name: str, env: Environment, seed: int | Sequence[int] = 0) -> Predictor:
     """The policy of that name, bound to ``env``. Learned ones need PyTorch, which is imported here.
 
     Args:
         name: A baseline, shipped weights, a file of weights (policy.npz), a model of Stable-Baselines3 (model.zip),
             'rllib:FOLDER' or the user's own 'package.module:policy'.
         env: The environment, single or a batch, whose belief or time the policy follows.
-        folder: Where ``name`` is the stem of a file of weights; if not given, all names are known.
         seed: Of a random policy; in a batch one for each environment.
 
     Raises:
@@ -31,4 +29,4 @@ def load(name: str, env: Environment, folder: Path | None = None, seed: int | Se
     """
     from agents import policies
 
-    return policies.resolve(name, env, seed) if folder is None else policies.learned(name, env, folder)
+    return policies.load(name, env, seed)

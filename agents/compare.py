@@ -1,7 +1,6 @@
 """Compare policies in the same held-out episodes: table, CSV, JSON and figures."""
 
 import json
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -10,10 +9,10 @@ from activeslam_gym.evaluation import Episode, Store, outcome
 from activeslam_gym.evaluation.code import LIBRARIES, package_versions
 from agents.figures import draw_all
 from agents.summary import Summary, headline, markdown, summarise, text
-from agents.task import Task, check, file_name, play_until_interrupted
-from agents.tools.arguments import SEEDS, Pages, Times, Workers, given, within
+from agents.task import Task, check, collect, file_name
+from agents.tools.arguments import SEEDS, Pages, Times, Workers, command_line, given, within
 from agents.tools.files import alone_in, writable_folder, write_csv, write_json, write_text
-from agents.tools.sections import put_section
+from agents.tools.sections import publish, put_section
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,8 +27,6 @@ class Args(Workers, Times, Pages):
     """Seed of the first episode; the others follow it."""
     out: Path = Path("results/compare")
     """Folder of the results."""
-    store: Path | None = None
-    """Folder in which episodes are stored, which commands may share; --out/episodes if not given."""
     scenario: tuple[str, ...] = ("paper",)
     """Scenarios: names, fields as JSON ('{"pixel_std": 4.0}'), files of such JSON or 'package.module:name'."""
     reference: str = "mi-fisher"
@@ -61,45 +58,45 @@ class Args(Workers, Times, Pages):
 
 
 def main(args: Args) -> int:
-    """Run the comparison and print it; the exit status, 130 when interrupted. Raises ValueError for a bad argument."""
-    if len(names := dict.fromkeys(args.scenario)) > 1:
-        parts = [replace(args, scenario=(one,), out=args.out / file_name(one)) for one in names]
-        check(args.names, [args.environment(one) for one in names])
-        return next((status for part in parts if (status := main(part))), 0)
-    summary = compare(args)
-    if summary is None:
-        print("Interrupted before the first episode was over: nothing to show.")
-        return 130
-    written = sorted(path.name for path in args.out.iterdir() if path.is_file())
-    print(f"\n{text(summary)}\n\nWritten to {args.out}/: {', '.join(written)}")
-    print(f"All tables (errors, paired differences): {args.out}/summary.md")
-    return 0 if summary.settings["complete"] else 130
+    """Compare in each scenario, and print; the exit status, 130 when interrupted.
+
+    Raises ValueError for an unknown policy or a bad argument, before any episode.
+    """
+    names = list(dict.fromkeys(args.scenario))
+    parts = [replace(args, scenario=(one,), out=args.out / file_name(one)) for one in names] if names[1:] else [args]
+    args.check_pages("compare", "headline")
+    writable_folder("out", args.out)
+    check(task for part in parts for task in part.tasks())
+    for part in parts:
+        print(f"{part.scenario[0]}: {', '.join(part.names)}; {part.episodes} episodes each.", flush=True)
+        if (summary := compare(part)) is None:
+            print("Interrupted before the first episode was over: nothing to show.")
+            return 130
+        written = sorted(path.name for path in part.out.iterdir() if path.is_file())
+        print(f"\n{text(summary)}\n\nWritten to {part.out}/: {', '.join(written)}")
+        print(f"All tables (errors, paired differences): {part.out}/summary.md")
+        if not summary.settings["complete"]:
+            return 130
+    return 0
 
 
 def compare(args: Args) -> Summary | None:
-    """Run what is missing, write everything into `args.out`, and return the figures; None if no episode was finished.
+    """Play what is missing in one scenario, write everything into `args.out`, and return the figures; None without any.
 
-    Ctrl-C ends it early, with tables and figures of the episodes that are over. Raises ValueError for an unknown
-    policy or a bad argument of the environment, before any episode; where some episodes fail, after all others.
+    Ctrl-C ends it early, with tables and figures of the episodes that are over. Raises ValueError where some episodes
+    fail, after all others.
     """
-    args.check_pages("compare", "headline")
-    for name, folder in {"out": args.out, "store": args.store}.items():
-        if folder:
-            writable_folder(name, folder)
-    check(args.names, [args.environment(args.scenario[0])], args.seed)
-    print(f"{args.scenario[0]}: {', '.join(args.names)}; {args.episodes} episodes each.", flush=True)
     with alone_in(args.out):
-        episodes: list[Episode] = []
+        found: dict[Task, Episode] = {}
         try:
-            store = Store(args.store or args.out / "episodes", args.workers)
-            play_until_interrupted(args.tasks(), store, not args.resume, episodes)
+            collect(args.tasks(), Store(args.out / "episodes", args.workers), found, not args.resume)
         finally:  # where some failed, the others are written
-            episodes.sort(key=lambda one: (args.names.index(one.policy), one.seed))
+            episodes = sorted(found.values(), key=lambda one: (args.names.index(one.policy), one.seed))
             summary = _written(episodes, args) if episodes else None
         return summary
 
 
-def _written(episodes: Sequence[Episode], args: Args) -> Summary:
+def _written(episodes: list[Episode], args: Args) -> Summary:
     """The figures, written with everything else."""
     total = args.episodes * len(args.names)
     settings = {
@@ -118,7 +115,7 @@ def _written(episodes: Sequence[Episode], args: Args) -> Summary:
     write_csv(args.out / "episodes.csv", [outcome(one) for one in episodes])
     write_json(args.out / "summary.json", asdict(summary))
     write_text(args.out / "summary.md", markdown(summary))
-    args.publish("compare", compare=markdown(summary))
+    publish(args.report, "compare", markdown(summary), command_line("agents compare", args))
     for page in args.report:
         put_section(page, "headline", headline(summary))
     if drawn:

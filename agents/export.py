@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from activeslam_gym.files import written_whole
-from agents import pretrained
+from agents.learn.weights import read
 from agents.tools.files import writable_file
 
 
@@ -20,19 +20,14 @@ class Args:
 
 def main(args: Args) -> int:
     """Run the command; the exit status. Raises ValueError for absent or damaged weights, or a file that cannot be."""
-    from agents.learn.algorithms import learner_of
-    from agents.learn.weights import read
+    from agents.learn.learner import learner_of
 
     if args.out.suffix != ".zip":
         raise ValueError(f"out must end in .zip, got {str(args.out)!r}")
     writable_file("out", args.out)
-    if (path := pretrained.path_of(args.policy)) is None:
-        shipped = ", ".join(pretrained.names())
-        raise ValueError(f"policy: {args.policy!r} has no weights; allowed: {shipped}, a file (policy.npz)")
-    weights, card = read(path.stem, path.parent)
-    learner, period = learner_of(weights, card), card["decision_period"]
+    weights, card = read(args.policy)
     with written_whole(args.out) as unfinished:
-        learner.save(unfinished)
-    name = str(card["algorithm"]).upper()
-    print(f"Written to {args.out}: {name}.load({str(args.out)!r}), for environments with gaze_period={period}")
+        learner_of(weights, card).save(unfinished)
+    how = f"{str(card['algorithm']).upper()}.load({str(args.out)!r})"
+    print(f"Written to {args.out}: {how}, for environments with gaze_period={card['decision_period']}")
     return 0

@@ -1,9 +1,9 @@
-"""From a policy's name to the policy: a baseline, shipped weights, a file of weights, or the user's own factory."""
+"""From a policy's name to the policy: a baseline, learned weights, a saved model, or the user's own."""
 
 import hashlib
 import importlib
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from traceback import extract_tb
 from typing import Any
@@ -13,53 +13,106 @@ import baselines
 from activeslam_gym.config import did_you_mean
 from activeslam_gym.evaluation import Predictor, bound
 from activeslam_gym.evaluation.code import digest
-from agents import pretrained
+from agents.learn import weights
 from agents.tools.files import reading
 from baselines.policy import Environment
 
-Factory = Callable[[Environment, int | Sequence[int]], Predictor]
-"""(environment, seed) -> a policy bound to that environment; a random one draws from the seed, of a batch one for each.
-"""
 RLLIB = "rllib:"  # before the folder of a checkpoint that RLlib wrote
 FILES = (".npz", ".zip")  # our weights, and a model as Stable-Baselines3 saves it
 
 
-def resolve(name: str, env: Environment, seed: int | Sequence[int] = 0) -> Predictor:
-    """Return the policy `name` bound to `env`. Raises ValueError as `factory` does."""
-    return factory(name)(env, seed)
-
-
-def factory(name: str) -> Factory:
-    """Return the factory of the policy `name`: a baseline, shipped weights, a file, 'package.module:policy', or
-    'rllib:FOLDER'.
-
-    Raises ValueError, which lists the allowed names, for an unknown one.
-    """
+def load(name: str, env: Environment, seed: int | Sequence[int] = 0) -> Predictor:
+    """The policy of that name, bound to ``env``; see `agents.load`."""
+    require_known(name)
     if name.startswith(RLLIB):
         from agents.rllib import CheckpointPolicy
 
-        return lambda env, seed: CheckpointPolicy(_at(name), env)
+        return CheckpointPolicy(_at(name), env)
     if ":" in name:
-        make = _imported(name)
-        return lambda env, seed: bound(make, env)
-    if name in baselines.names():
-        return lambda env, seed: baselines.make(name, env, **({"seed": seed} if name == "random" else {}))
-    if (path := file_of(name)) and path.suffix == ".npz":
-        return lambda env, seed: learned(path.stem, env, path.parent)
-    if path:
-        return lambda env, seed: _saved_model(path, env)
+        return bound(_imported(name), env)
+    if path := file_of(name):
+        return _saved_model(path, env) if path.suffix == ".zip" else _learned(path, env)
+    return baselines.make(name, env, **({"seed": seed} if name == "random" else {}))
+
+
+def require_known(name: str) -> None:
+    """Raise ValueError, which lists the allowed names, for an unknown policy."""
+    if ":" in name or name in baselines.names() or file_of(name):
+        return
     if name.endswith(FILES):
         raise ValueError(f"policy: {name!r} is no file of weights")
-    known = [*baselines.names(), *pretrained.names()]
+    known = [*baselines.names(), *weights.shipped()]
     allowed = f"{', '.join(known)}, a file of weights (policy.npz, or model.zip of SB3), 'package.module:policy',"
     allowed += " rllib:FOLDER"
     raise ValueError(f"policy: {name!r} is unknown{did_you_mean(name, known)}; allowed: {allowed}")
 
 
+def _learned(path: Path, env: Environment) -> Predictor:
+    """The policy of a file of weights."""
+    from agents.learn.policy import LearnedPolicy
+
+    return LearnedPolicy(env, *weights.read(str(path)))
+
+
+def _saved_model(path: Path, env: Environment) -> Predictor:
+    """The policy in a file that Stable-Baselines3 or sb3-contrib has saved."""
+    from stable_baselines3.common.save_util import load_from_zip_file
+
+    data, parameters, _ = load_from_zip_file(path, device="cpu")
+    observed, here = data["observation_space"], getattr(env, "single_observation_space", env.observation_space)
+    if observed != here:
+        raise ValueError(f"it observes {observed}, the environment is of {here}; allowed: the same, or a factory")
+    policy = data["policy_class"](observed, data["action_space"], lambda _: 0.0, **data["policy_kwargs"])
+    policy.load_state_dict(parameters["policy"])
+    policy.set_training_mode(False)
+    return policy
+
+
+def _imported(name: str) -> Any:
+    """The user's own 'package.module:policy'."""
+    module, _, attribute = name.partition(":")
+    try:
+        return getattr(importlib.import_module(module), attribute)
+    except (Exception, SystemExit) as error:
+        allowed = "'package.module:policy'"
+        raise ValueError(f"policy: {name!r} cannot be imported ({described(error)}); allowed: {allowed}") from error
+
+
+def described(error: BaseException) -> str:
+    """An error of a user's code and its place there, in a line."""
+    lines = str(error).splitlines()
+    frames = [frame for frame in extract_tb(error.__traceback__) if Path(frame.filename).is_file()]
+    where = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
+    return f"{type(error).__name__}: {lines[0] if lines else ''}{where}"
+
+
+# What a name tells before there is an environment --------------------------------------------------------------------
+
+
+def holds_code(name: str) -> bool:
+    """Whether a policy runs its user's code: a factory, which may read any file, or a saved model, a pickle."""
+    return name.endswith(".zip") or ":" in name
+
+
+def actions_of(name: str) -> str:
+    """The actions of a policy: "Continuous" of weights of SAC; of a saved model its own, "Discrete" for an index."""
+    path = file_of(name)
+    if name.endswith(".zip"):
+        with reading(Path(name)), ZipFile(path or name) as model:
+            space = json.loads(model.read("data"))["action_space"][":type:"]
+            return "Continuous" if ".Box" in space else "Discrete" if ".Discrete" in space else ""
+    return "Continuous" if path and weights.read_card(path)["algorithm"] == "sac" else ""
+
+
+def content(name: str) -> str:
+    """Digest of a policy's file, weights or a saved model; "" of any other policy."""
+    return digest(path) if (path := file_of(name)) else ""
+
+
 def file_of(name: str) -> Path | None:
     """The file that a policy is in; None where it is in none."""
     path = _at(name)
-    return path if path.suffix == ".zip" and path.is_file() else pretrained.path_of(str(path))
+    return path if path.suffix == ".zip" and path.is_file() else weights.path_of(str(path))
 
 
 def files(names: Iterable[str]) -> dict[str, Path]:
@@ -81,69 +134,5 @@ def _at(name: str) -> Path:
 
 def _there(name: str) -> Path:
     """Where a policy's file is found on a machine that it was sent to."""
-    return Path(".sent", hashlib.sha256(name.encode(errors="surrogatepass")).hexdigest()[:16]).with_suffix(
-        Path(name).suffix
-    )
-
-
-def holds_code(name: str) -> bool:
-    """Whether a policy runs its user's code: a factory, which may read any file, or a saved model, a pickle."""
-    return name.endswith(".zip") or ":" in name
-
-
-def learned(name: str, env: Environment, folder: Path) -> Predictor:
-    """The policy of the weights ``name``.npz in a folder. ValueError where there are none, or they do not fit."""
-    from agents.learn.weights import LearnedPolicy, read
-
-    return LearnedPolicy(env, *read(name, folder))
-
-
-def actions_of(name: str) -> str:
-    """The actions of a policy: "Continuous" of weights of SAC; of a saved model its own, "Discrete" for an index."""
-    if name.endswith(".zip"):
-        path = file_of(name) or Path(name)
-        with reading(path), ZipFile(path) as model:
-            space = json.loads(model.read("data"))["action_space"][":type:"]
-            return "Continuous" if ".Box" in space else "Discrete" if ".Discrete" in space else ""
-    if (weights := file_of(name)) is None:
-        return ""
-    from agents.learn.card import read_card
-
-    return "Continuous" if read_card(weights)["algorithm"] == "sac" else ""
-
-
-def content(name: str) -> str:
-    """Digest of a policy's file, weights or a saved model; "" of any other policy."""
-    return digest(path) if (path := file_of(name)) else ""
-
-
-def described(error: BaseException) -> str:
-    """An error of a user's code and its place there, in a line."""
-    lines = str(error).splitlines()
-    frames = [frame for frame in extract_tb(error.__traceback__) if Path(frame.filename).is_file()]
-    where = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
-    return f"{type(error).__name__}: {lines[0] if lines else ''}{where}"
-
-
-def _saved_model(path: Path, env: Environment) -> Predictor:
-    """The policy in a file that Stable-Baselines3 or sb3-contrib has saved."""
-    from stable_baselines3.common.save_util import load_from_zip_file
-
-    data, weights, _ = load_from_zip_file(path, device="cpu")
-    observed, here = data["observation_space"], getattr(env, "single_observation_space", env.observation_space)
-    if observed != here:
-        raise ValueError(f"it observes {observed}, the environment is of {here}; allowed: the same, or a factory")
-    policy = data["policy_class"](observed, data["action_space"], lambda _: 0.0, **data["policy_kwargs"])
-    policy.load_state_dict(weights["policy"])
-    policy.set_training_mode(False)
-    return policy
-
-
-def _imported(name: str) -> Callable[[Environment], Any]:
-    """The user's own 'package.module:policy'."""
-    module, _, attribute = name.partition(":")
-    try:
-        return getattr(importlib.import_module(module), attribute)
-    except (Exception, SystemExit) as error:
-        allowed = "'package.module:policy'"
-        raise ValueError(f"policy: {name!r} cannot be imported ({described(error)}); allowed: {allowed}") from error
+    sent = hashlib.sha256(name.encode(errors="surrogatepass")).hexdigest()[:16]
+    return Path(".sent", sent).with_suffix(Path(name).suffix)

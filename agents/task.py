@@ -3,7 +3,7 @@
 import hashlib
 import json
 import re
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cache
@@ -17,8 +17,7 @@ import activeslam_gym  # noqa: F401  (registers the environment)
 from activeslam_gym.config import IMAGE_SCENARIOS, fields_of
 from activeslam_gym.evaluation import Episode, Measure, Observer, Store, play
 from activeslam_gym.evaluation.code import digest, foreign_modules, own_files, package_sources
-from activeslam_gym.evaluation.parallel import run_all
-from activeslam_gym.evaluation.store import Arrays
+from activeslam_gym.evaluation.store import Arrays, run_all
 from agents import policies
 from agents.tools.arguments import made_scenario
 
@@ -71,23 +70,17 @@ def results(
             yield task, replace(Episode.of(arrays), settings=task.settings)  # another command may have put it otherwise
 
 
-def play_until_interrupted(
-    tasks: Sequence[Task],
-    store: Store,
-    anew: bool = False,
-    into: list[Episode] | None = None,
-) -> list[Episode]:
-    """The episodes of `results`, or those that were over at Ctrl-C, in the list ``into`` where it is given.
-
-    Raises as `results` where some fail, when all others are over.
-    """
-    episodes: list[Episode] = [] if into is None else into
+def collect(
+    tasks: Sequence[Task], store: Store, into: dict[Task, Episode] | None = None, anew: bool = False
+) -> dict[Task, Episode]:
+    """The `results`, or those that are over at Ctrl-C; where some fail, ``into`` has the others."""
+    found = {} if into is None else into
     try:
         with closing(results(tasks, store, anew=anew)) as finished:
-            episodes.extend(episode for _, episode in finished)
+            found.update(finished)
     except KeyboardInterrupt:
         print("Interrupted; the episodes that are over are kept.")
-    return episodes
+    return found
 
 
 def _files(tasks: Sequence[Task]) -> dict[str, Path]:
@@ -143,12 +136,12 @@ def run_policy(
     observers: Sequence[Sequence[Observer]] = (),
     period: float = 0.0,
 ) -> list[Episode]:
-    """Episodes of the policy `source` (see `policies.factory`), as `play` plays them; `env` is then closed.
+    """Episodes of the policy `source` (see `agents.load`), as `play` plays them; `env` is then closed.
 
     Raises ValueError where the policy cannot be made, or fails with one; whatever a user's code raises becomes one.
     """
     try:
-        policy = policies.resolve(source, env, seeds[0] if len(seeds) == 1 else seeds)
+        policy = policies.load(source, env, seeds[0] if len(seeds) == 1 else seeds)
         return play(env, policy, seeds, source, settings, observers, period)
     except Exception as error:
         if not isinstance(error, ValueError) and not policies.holds_code(source):
@@ -162,28 +155,28 @@ def run_policy(
         env.close()
 
 
-def check(names: Sequence[str], environments: Sequence[dict[str, Any]], seed: int | None = None) -> None:
-    """Raise ValueError for an unknown policy or a bad argument of an environment, before any episode.
+def check(tasks: Iterable[Task]) -> None:
+    """Every policy of the tasks takes a step in its environment, so that a mistake is told before any episode.
 
-    With a ``seed`` every policy takes a step in every environment, so that kernels are compiled once, before processes
-    start. A user's code runs in a process of its own.
+    Kernels are then compiled, once, before processes start. A user's code runs in a process of its own.
+
+    Raises:
+        ValueError: an unknown policy, one that fails, or a bad argument of an environment.
     """
-    for name in names:
-        if not policies.holds_code(name):
-            policies.factory(name)
-    for arguments in environments:
-        try:
-            make_environment(arguments).close()
-        except TypeError as error:  # an unknown argument
-            raise ValueError(str(error)) from error
-    if seed is not None:
-        steps = [(Task(name, seed, json.dumps(arguments)),) for arguments in environments for name in names]
-        list(run_all(_step_once, steps, 1, None, any(map(policies.holds_code, names))))
+    steps = {(task.policy, task.settings): (task,) for task in tasks}
+    for policy, _ in steps:
+        policies.require_known(policy)
+    apart = any(policies.holds_code(task.policy) for (task,) in steps.values())
+    list(run_all(_step_once, list(steps.values()), 1, None, apart))
 
 
 def _step_once(tasks: tuple[Task]) -> None:
-    env = make_environment(json.loads(tasks[0].settings), actions=policies.actions_of(tasks[0].policy))
-    run_policy(tasks[0].policy, gym.wrappers.TimeLimit(env, 1), [tasks[0].seed])
+    (task,) = tasks
+    try:
+        env = make_environment(json.loads(task.settings), actions=policies.actions_of(task.policy))
+    except TypeError as error:  # an unknown argument
+        raise ValueError(str(error)) from error
+    run_policy(task.policy, gym.wrappers.TimeLimit(env, 1), [task.seed])
 
 
 @cache

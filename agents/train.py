@@ -31,22 +31,22 @@ def train(args: Args) -> bool:
         ValueError: as `Args.check`, a damaged checkpoint, a folder that holds a training with other arguments or one
             that goes on, or weights that are no longer finite.
     """
-    from agents.episode_log import EpisodeLog
-    from agents.learn import algorithms
+    from agents.learn import learner as learners
     from agents.learn.best_weights import BestWeights
+    from agents.sb3 import EpisodeLog
 
     args.check()
-    algorithms.require_device(args.device)
+    learners.require_device(args.device)
     if args.initial:
-        args = replace(args, width=algorithms.initial_weights(args)[1]["width"])
-    env = algorithms.make_training(args)
-    batches = algorithms.make_held_out(args, args.validation_episodes)
+        args = replace(args, width=learners.initial_weights(args)[1]["width"])
+    env = learners.make_training(args)
+    batches = learners.make_held_out(args, args.validation_episodes)
     writable_folder("out", args.out)
     with alone_in(args.out), closing(env), ExitStack() as stack:
         for batch in batches.values():
             stack.enter_context(closing(batch))
         _require_same(args)
-        learner = algorithms.learner_in(args, env, args.out / CHECKPOINT, args.out / "logs", args.device)
+        learner = learners.learner_in(args, env, args.out / CHECKPOINT, args.out / "logs", args.device)
         write_json(args.out / ARGUMENTS, args.arguments())
         best_weights = BestWeights(args, learner, batches)
         try:

@@ -1,5 +1,6 @@
 """`python -m agents watch`: an episode of one policy, or of several side by side."""
 
+import json
 from collections.abc import Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from activeslam_gym.evaluation import Observer, outcome
 from activeslam_gym.files import written_whole
 from activeslam_gym.rendering import NoScreen
 from activeslam_gym.rendering.scene import TEXT
-from agents.task import check, file_name, make_environment, run_policy
+from agents.task import Task, check, file_name, make_environment, run_policy
 from agents.tools.arguments import SEEDS, Times, given, positive, within
 from agents.tools.files import writable_file, writable_folder
 
@@ -62,7 +63,8 @@ class Args(Times):
             writable_file("save", self.save)
         if self.tum:
             writable_folder("tum", self.tum)
-        check(self.policies, [self.drawn])
+        settings = json.dumps(self.environment(self.scenario))
+        check(Task(name, self.seed, settings) for name in self.policies)
 
     @property
     def drawn(self) -> dict[str, Any]:

@@ -20,8 +20,7 @@ from activeslam_gym import Gaze, Motion, Scenario, core_of
 from activeslam_gym.config import TRAINING_SEED, fields_of
 from activeslam_gym.evaluation.cluster import FOUND
 from activeslam_gym.evaluation.code import package_sources
-from activeslam_gym.evaluation.parallel import run_all
-from activeslam_gym.evaluation.store import NOT_KEPT, Store
+from activeslam_gym.evaluation.store import NOT_KEPT, Store, run_all
 from activeslam_gym.files import demand_writable
 
 from .fixed import Planned

@@ -9,7 +9,7 @@ from typing import Any
 
 from activeslam_gym import ActiveSLAMEnv, config
 from activeslam_gym.envs.reward import REWARDS
-from agents import pretrained
+from agents.learn import weights
 from agents.tools.sections import put_section, sections_of
 
 DOCS = Path(__file__).resolve().parent
@@ -66,7 +66,7 @@ def clips() -> str:
     pictures = {path.stem for path in (DOCS / "images" / "clips").glob("*.gif")}
     rows = []
     for name, row in scored.items():
-        kind = f"learned: [its card](../agents/pretrained/{name}.json)" if name in pretrained.names() else "computed"
+        kind = f"learned: [its card](../agents/pretrained/{name}.json)" if name in weights.shipped() else "computed"
         shown = f'<img src="images/clips/{name}.gif" width="320" alt="{name} in the episode 1000111">'
         clip = shown if name in pictures else ""
         rows.append((f"`{name}`<br>{kind}", *(row[column] for column in columns), clip))

@@ -15,7 +15,7 @@ from gymnasium.wrappers import TransformReward
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
-from agents.sb3_vec_env import ActiveSLAMVecEnv, ScaledReward
+from agents.sb3 import ActiveSLAMVecEnv, ScaledReward
 
 
 def batch(count: int, scale: float = 1.0) -> VecEnv:

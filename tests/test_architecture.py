@@ -70,7 +70,7 @@ PUBLIC = {
 }
 """What the upper floors read of ``activeslam_gym``, beside the names of the package itself."""
 
-BEHIND: dict[str, set[str]] = {"agents.sb3_vec_env": {"envs.episode"}}
+BEHIND: dict[str, set[str]] = {"agents.sb3": {"envs.episode"}}
 """Exceptions from ``PUBLIC``: the batch for SB3, which takes `infos` apart."""
 
 

@@ -53,7 +53,7 @@ TABLE: tuple[tuple[str, str, str, str], ...] = (
     ("compare", "--policies", "TMP/broken.npz TMP/half.npz", "cannot be read"),
     ("compare", "--policies", "absent.npz", "is no file of weights"),
     ("export", "--out", "a.npz", "out must end in .zip"),
-    ("export", "--policy", "nobody", "has no weights; allowed: generalist"),
+    ("export", "--policy", "nobody", "policy: 'nobody'; allowed: generalist"),
     # policies
     ("compare watch", "--policies", "nobody MI-FISHER", UNKNOWN),
     ("compare", "--policies", "", "policies: none given; allowed: one name or more"),

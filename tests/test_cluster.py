@@ -19,9 +19,9 @@ import pytest
 from activeslam_gym import Scenario, config
 from activeslam_gym.evaluation import Store, cluster
 from activeslam_gym.evaluation.cluster import CHUNK, Schedule
-from agents import pretrained
 from agents import task as tasks
 from agents.__main__ import main
+from agents.learn.weights import SHIPPED
 from agents.task import Task
 from baselines import constants
 from tests.support import assert_same_record
@@ -114,8 +114,8 @@ def nodes() -> Iterator[Any]:
 
 def assert_equal(store: Path, other: Path, count: int) -> None:
     """Two folders of so many episodes are equal to the bit."""
-    names = sorted(path.name for path in store.glob("*.npz"))
-    assert names == sorted(path.name for path in other.glob("*.npz")) and len(names) == count
+    names = sorted(path.relative_to(store) for path in store.rglob("*.npz"))
+    assert names == sorted(path.relative_to(other) for path in other.rglob("*.npz")) and len(names) == count
     for name in names:
         with np.load(store / name) as one, np.load(other / name) as two:
             assert_same_record(dict(one), dict(two))
@@ -125,23 +125,20 @@ def test_a_comparison_equals_that_of_one_machine_though_a_node_is_lost(nodes: An
     line = "compare --policies sweep mi-fisher random ppo --scenario paper office corner --duration 4 --no-figures"
     line += f" --episodes {os.environ.get('EPISODES', 60)} --reference sweep"
     victim = nodes.add_node(num_cpus=1)
-    store = tmp_path / "there"
     episodes = 12 * int(os.environ.get("EPISODES", 60))
 
     def lose() -> None:
-        while len(list(store.glob("*.npz"))) < episodes // 4:
+        while len(list((tmp_path / "a").rglob("*.npz"))) < episodes // 4:
             time.sleep(0.1)
         nodes.remove_node(victim)
 
     thread = Thread(target=lose, daemon=True)
     thread.start()
-    given = ["--cluster", nodes.address, "--store", str(store), "--out", str(tmp_path / "a")]
-    assert main([*line.split(), *given]) == 0
+    assert main([*line.split(), "--cluster", nodes.address, "--out", str(tmp_path / "a")]) == 0
     thread.join(60)
     assert not thread.is_alive()
-    here = ["--store", str(tmp_path / "here"), "--out", str(tmp_path / "b"), "--jobs", "2"]
-    assert main([*line.split(), *here]) == 0
-    assert_equal(store, tmp_path / "here", episodes)
+    assert main([*line.split(), "--out", str(tmp_path / "b"), "--jobs", "2"]) == 0
+    assert_equal(tmp_path / "a", tmp_path / "b", episodes)
 
 
 @pytest.fixture
@@ -160,8 +157,8 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
 def test_one_s_own_modules_weights_and_scenarios_travel(nodes: Any, own: str, tmp_path: Path) -> None:
     weights = tmp_path / "elsewhere" / "policy.npz"
     weights.parent.mkdir()
-    weights.write_bytes((pretrained.FOLDER / "ppo.npz").read_bytes())
-    weights.with_suffix(".json").write_bytes((pretrained.FOLDER / "ppo.json").read_bytes())
+    weights.write_bytes((SHIPPED / "ppo.npz").read_bytes())
+    weights.with_suffix(".json").write_bytes((SHIPPED / "ppo.json").read_bytes())
     model = weights.with_name("model.zip")
     stable_baselines3 = pytest.importorskip("stable_baselines3")
     stable_baselines3.PPO("MlpPolicy", gym.make("ActiveSLAM-v0")).save(model)
@@ -267,7 +264,7 @@ def test_a_lost_head_is_told_and_the_same_command_goes_on_with_another_one(
     assert done.returncode == 0 and f"{len(before)} of 80 episodes are kept" in done.stdout, done.stderr
     assert before.items() <= {path: path.stat().st_mtime_ns for path in before}.items()  # none is played twice
     assert main([*line.split(), "--jobs", "1", "--out", str(tmp_path / "b")]) == 0
-    assert_equal(tmp_path / "a" / "episodes", tmp_path / "b" / "episodes", 80)
+    assert_equal(tmp_path / "a", tmp_path / "b", 80)
 
 
 def test_a_search_on_the_cluster_finds_what_one_here_finds(nodes: Any) -> None:

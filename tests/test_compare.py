@@ -210,7 +210,7 @@ def test_a_model_of_stable_baselines_is_a_policy(tmp_path: Path) -> None:
     sb3.DQN("MlpPolicy", env, seed=9, buffer_size=10).save(path)
     assert policies.content(str(path)) != contents
     with pytest.raises(ValueError, match="it observes"):
-        policies.resolve(str(path), gym.make("ActiveSLAMDiscrete-v0", scenario="office"))
+        policies.load(str(path), gym.make("ActiveSLAMDiscrete-v0", scenario="office"))
     path.write_bytes(path.read_bytes()[:-300])
     with pytest.raises(ValueError, match="model.zip"):
         policies.actions_of(str(path))
@@ -226,7 +226,7 @@ def gone(process: int) -> bool:
 
 SLEEPY = """
 import os, pathlib, sys, time
-from activeslam_gym.evaluation.parallel import run_all
+from activeslam_gym.evaluation.store import run_all
 def sleep(paths):
     pathlib.Path(paths[0]).write_text(f"{os.getpid()} ")
     time.sleep(300)

@@ -18,8 +18,8 @@ from activeslam_gym import __main__ as own_command_line
 from activeslam_gym.config import SCENARIOS
 from activeslam_gym.envs.reward import REWARDS
 from activeslam_gym.information import CRITERIA
-from agents import pretrained
 from agents.__main__ import COMMANDS
+from agents.learn import weights
 from agents.tools.sections import sections_of
 from docs.tables import TABLES
 from examples import fisher_trace
@@ -217,7 +217,7 @@ def test_the_table_of_policies_and_that_of_the_fisher_trace_are_the_codes() -> N
     text = (ROOT / "docs" / "policies.md").read_text(encoding="utf-8")
     table = text[text.index("| Policy |") : text.index("## Open-loop policies")]
     told = [name for row in rows(table) for name in re.findall(r"`([\w-]+)`", row[0])]
-    assert told == [*baselines.names(), *pretrained.names()]
+    assert told == [*baselines.names(), *weights.shipped()]
     assert "README.md" in [snippet.values[0] for snippet in SNIPPETS]
     assert fisher_trace.TABLE in MATHEMATICS
     shown = [(float(row[1]), float(row[2].split()[0])) for row in rows(fisher_trace.TABLE)]

@@ -1,4 +1,4 @@
-"""`agents.episode_log.EpisodeLog`, on the batch and on single environments."""
+"""`agents.sb3.EpisodeLog`, on the batch and on single environments."""
 
 from typing import Any
 
@@ -11,8 +11,10 @@ from stable_baselines3.common.env_util import make_vec_env  # noqa: E402
 from stable_baselines3.common.logger import Logger, configure  # noqa: E402
 
 import activeslam_gym  # noqa: E402, F401 (registers the environments)
-from agents.episode_log import EpisodeLog  # noqa: E402
-from agents.sb3_vec_env import ActiveSLAMVecEnv  # noqa: E402
+from agents.sb3 import (
+    ActiveSLAMVecEnv,  # noqa: E402
+    EpisodeLog,  # noqa: E402
+)
 
 
 class Recorded(EpisodeLog):

@@ -11,7 +11,7 @@ import baselines
 from activeslam_gym import SCENARIOS, Gaze, Motion
 from activeslam_gym.evaluation import run_episode
 from activeslam_gym.information.candidates import goal_pose, propagate_by
-from agents.policies import resolve
+from agents.policies import load
 from baselines.greedy import Greedy
 from examples import extend_sensor
 from examples.extend_criterion import position_variance
@@ -82,6 +82,6 @@ def test_the_policy_plays_one_or_many_and_joins_the_comparison() -> None:
         observation, _ = env.reset(seed=0)
         action = np.asarray(baselines.make(look_around, env).predict(observation)[0])
         assert action.shape == shape and np.all(action[..., 1] == Gaze.LEFT)
-    named = resolve("examples.extend_policy:look_around", one)
+    named = load("examples.extend_policy:look_around", one)
     for policy in (look_around, named, lambda env: named, partial(Greedy, gaze_criterion="fisher_trace")):
         assert run_episode(one, policy, seed=0).landmarks_mapped[-1] > 0

@@ -18,9 +18,8 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 
 import agents  # noqa: E402
-from agents.learn import algorithms  # noqa: E402
-from agents.learn.encoder import SetEncoder  # noqa: E402
-from agents.learn.inputs import Inputs, common_size  # noqa: E402
+from agents.learn import learner as learners  # noqa: E402
+from agents.learn.policy import Inputs, SetEncoder, common_size  # noqa: E402
 from agents.learn.recipe import Recipe  # noqa: E402
 from agents.learn.weights import read  # noqa: E402
 from agents.train import Args, train  # noqa: E402
@@ -82,8 +81,8 @@ def test_the_encoder_leaves_empty_tokens_out() -> None:
 
 
 def test_a_batch_of_scenarios_plays_what_each_plays_alone() -> None:
-    together = algorithms.make_training(Recipe(scenario="sprint+office", **SHORT))
-    alone = [algorithms.make_training(Recipe(scenario=name, **SHORT)) for name in ("sprint", "office")]
+    together = learners.make_training(Recipe(scenario="sprint+office", **SHORT))
+    alone = [learners.make_training(Recipe(scenario=name, **SHORT)) for name in ("sprint", "office")]
     tokens, own = together.layout.tokens, [one.reset() for one in alone]
     seen = together.reset()
     rng = np.random.default_rng(0)
@@ -101,8 +100,8 @@ def test_a_batch_of_scenarios_plays_what_each_plays_alone() -> None:
         assert [info.get("episode", {}).get("r") for info in infos] == [
             info.get("episode", {}).get("r") for step in steps for info in step[3]
         ]
-        dimensions = np.repeat([algorithms.dimensions(name) for name in ("sprint", "office")], 2)
-        per_dimension = np.concatenate([step[1] for step in steps]) * algorithms.dimensions("paper") / dimensions
+        dimensions = np.repeat([learners.dimensions(name) for name in ("sprint", "office")], 2)
+        per_dimension = np.concatenate([step[1] for step in steps]) * learners.dimensions("paper") / dimensions
         np.testing.assert_allclose(rewards, per_dimension, rtol=1e-6)
     with pytest.raises(ValueError, match="indices must be None"):
         together.set_attr("render_mode", None, indices=[0])
@@ -113,7 +112,7 @@ def test_a_batch_of_scenarios_plays_what_each_plays_alone() -> None:
 def test_each_scenario_has_its_own_unit_of_advantage() -> None:
     """Rare losses in one scenario leave the decisions of the others as loud as they were."""
     space = gym.spaces.Box(-1.0, 1.0, (1,))
-    buffer = algorithms.RolloutOfScenarios(5, space, gym.spaces.MultiDiscrete([7, 3]), "cpu", n_envs=4, scenarios=2)
+    buffer = learners.RolloutOfScenarios(5, space, gym.spaces.MultiDiscrete([7, 3]), "cpu", n_envs=4, scenarios=2)
     rng = np.random.default_rng(0)
     for _ in range(5):
         rewards = np.concatenate([rng.normal(0.5, 1.0, 2), rng.normal(-3.0, 100.0, 2)])
@@ -133,7 +132,7 @@ def test_weights_of_several_scenarios_act_everywhere(tmp_path: Path) -> None:
     for name in ("paper", "office", "mixed", "hand-held"):
         single = gym.make("ActiveSLAM-v0", scenario=name, gaze_period=1.0)
         batch = gym.make_vec("ActiveSLAM-v0", num_envs=2, scenario=name, gaze_period=1.0)
-        action = agents.load("policy", single, tmp_path).predict(single.reset(seed=3)[0])[0]
+        action = agents.load(str(tmp_path / "policy.npz"), single).predict(single.reset(seed=3)[0])[0]
         actions = agents.load(str(tmp_path / "policy.npz"), batch).predict(batch.reset(seed=3)[0])[0]
         np.testing.assert_array_equal(actions[0], action)
 
@@ -151,7 +150,7 @@ def test_training_goes_on_from_weights_of_several_scenarios(tmp_path: Path) -> N
     with pytest.raises(ValueError, match="initial: 'nobody'; allowed: generalist"):
         train(replace(args, initial="nobody"))
     assert train(args)
-    own, shipped = (read(*name)[0] for name in (("policy", tmp_path), ("generalist",)))
+    own, shipped = (read(name)[0] for name in (str(tmp_path / "policy.npz"), "generalist"))
     for name, values in shipped.items():
         np.testing.assert_allclose(own[name], values, atol=1e-6)
     curve = (tmp_path / "curve.csv").read_text(encoding="utf-8").splitlines()

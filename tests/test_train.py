@@ -22,14 +22,12 @@ pytest.importorskip("stable_baselines3")
 
 from stable_baselines3 import PPO  # noqa: E402
 
-from agents import policies, pretrained, task  # noqa: E402
+from agents import policies, task  # noqa: E402
 from agents.__main__ import main  # noqa: E402
-from agents.learn import algorithms  # noqa: E402
-from agents.learn.algorithms import save_learner  # noqa: E402
-from agents.learn.card import read_card  # noqa: E402
+from agents.learn import learner as learners  # noqa: E402
+from agents.learn.learner import save_learner, weights_of  # noqa: E402
 from agents.learn.recipe import Recipe  # noqa: E402
-from agents.learn.weights import read, save  # noqa: E402
-from agents.pretrained import FOLDER  # noqa: E402
+from agents.learn.weights import SHIPPED, read, read_card, save, shipped  # noqa: E402
 from agents.train import CHECKPOINT, Args, train  # noqa: E402
 
 SMALL: dict[str, Any] = {"num_envs": 2, "width": 16, "period": 280, "validation_episodes": 2, "test_episodes": 0}
@@ -54,7 +52,7 @@ def test_weights_are_exported_for_stable_baselines(tmp_path: Path, capsys: Any) 
         np.testing.assert_array_equal(action, learner.predict(observation, deterministic=True)[0])
         observation = env.step(env.action_space.sample())[0]
     learner.set_env(env)
-    assert learner.gamma == read_card(FOLDER / "ppo.npz")["gamma"]
+    assert learner.gamma == read_card(SHIPPED / "ppo.npz")["gamma"]
 
 
 OLDER = {"learning_rate": 1e-3, "reward_scale": 0.05, "reward_clip": 600.0}
@@ -63,8 +61,8 @@ OLDER = {"learning_rate": 1e-3, "reward_scale": 0.05, "reward_clip": 600.0}
 
 def test_shipped_weights_were_trained_with_what_there_is_now_or_measured_beside_those_that_were() -> None:
     """Old weights stay where those of a new run are no better in the rooms for validation: docs/policies.md."""
-    for name in pretrained.names():
-        card = read_card(FOLDER / f"{name}.npz")
+    for name in shipped():
+        card = read_card(SHIPPED / f"{name}.npz")
         measured = card.get("measured_behaviour", card["behaviour"])
         current = measured == activeslam_gym.BEHAVIOUR
         assert current or card.get("stale"), f"{name}: mark it stale, or retrain it: {card['command']}"
@@ -107,26 +105,26 @@ def test_training_leaves_weights_card_and_checkpoint_and_goes_on(trained: Path) 
 def test_the_same_seed_trains_the_same_weights(tmp_path: Path) -> None:
     for name in "ab":
         train(Args(out=tmp_path / name, total_steps=40, seed=3, **SMALL))
-    (a, _), (b, _) = (read("policy", tmp_path / name) for name in "ab")
+    (a, _), (b, _) = (read(str(tmp_path / name / "policy.npz")) for name in "ab")
     for key in a:
         np.testing.assert_array_equal(a[key], b[key])
 
 
 def test_a_learned_policy_acts_in_single_batch_discrete_and_larger_environments(trained: Path) -> None:
     env = gym.make("ActiveSLAM-v0")
-    action = acts(env, agents.load("policy", env, trained))
-    np.testing.assert_array_equal(acts(env, policies.resolve(str(trained / "policy.npz"), env)), action)
+    action = acts(env, agents.load(str(trained / "policy.npz"), env))
+    np.testing.assert_array_equal(acts(env, policies.load(str(trained / "policy.npz"), env)), action)
     envs = gym.make_vec("ActiveSLAM-v0", num_envs=3)
-    np.testing.assert_array_equal(acts(envs, agents.load("policy", envs, trained))[0], action)
+    np.testing.assert_array_equal(acts(envs, agents.load(str(trained / "policy.npz"), envs))[0], action)
     one = gym.make("ActiveSLAMDiscrete-v0")
-    assert acts(one, agents.load("policy", one, trained)) == 3 * action[0] + action[1]
+    assert acts(one, agents.load(str(trained / "policy.npz"), one)) == 3 * action[0] + action[1]
     larger = gym.make("ActiveSLAM-v0", scenario={"landmark_count": 60}, gaze_period=0.25)
-    acts(larger, agents.load("policy", larger, trained))
+    acts(larger, agents.load(str(trained / "policy.npz"), larger))
 
 
 def test_it_holds_its_action_between_its_decisions(trained: Path) -> None:
     env = gym.make("ActiveSLAM-v0", gaze_period=0.05)
-    policy, state, actions = agents.load("policy", env, trained), None, []
+    policy, state, actions = agents.load(str(trained / "policy.npz"), env), None, []
     observation, _ = env.reset(seed=0)
     for _ in range(10):
         action, state = policy.predict(observation, state)
@@ -137,7 +135,7 @@ def test_it_holds_its_action_between_its_decisions(trained: Path) -> None:
 
 @pytest.mark.parametrize(("scenario", "sensor"), [("paper", "points"), ("gallery-pixels", "corners")])
 def test_a_scenario_of_images_is_trained_in_without_images(scenario: str, sensor: str) -> None:
-    env = algorithms.make_training(Recipe(scenario=scenario, num_envs=1))
+    env = learners.make_training(Recipe(scenario=scenario, num_envs=1))
     assert env.unwrapped.scenario.sensor == sensor
     assert env.unwrapped.scenario.name == scenario
 
@@ -145,8 +143,8 @@ def test_a_scenario_of_images_is_trained_in_without_images(scenario: str, sensor
 @pytest.mark.parametrize(("algorithm", "scenario"), [("ppo", "paper"), ("a2c", "sprint")])
 def test_training_begins_near_the_action_that_the_best_sequence_holds_longest(algorithm: Any, scenario: str) -> None:
     recipe = Recipe(algorithm=algorithm, scenario=scenario, num_envs=2, warm_start=0.7)
-    env = algorithms.make_training(recipe)
-    policy = algorithms.make_learner(recipe, env, None).policy
+    env = learners.make_training(recipe)
+    policy = learners.make_learner(recipe, env, None).policy
     drawn = policy.get_distribution(torch.as_tensor(env.reset())).distribution
     longest = {"paper": (Motion.LEFT, Gaze.RIGHT), "sprint": (Motion.RIGHT, Gaze.LEFT)}[scenario]
     for part, held in zip(drawn, longest):
@@ -161,14 +159,14 @@ def test_a_policy_of_one_scenario_acts_in_another_whether_there_are_range_finder
 ) -> None:
     furnished = gym.make("ActiveSLAM-v0", scenario="office", gaze_period=0.25)
     plain = gym.make("ActiveSLAM-v0")
-    acts(furnished, agents.load("policy", furnished, trained))
+    acts(furnished, agents.load(str(trained / "policy.npz"), furnished))
     train(Args(out=tmp_path, total_steps=40, scenario="office", **SMALL))
     assert json.loads((tmp_path / "policy.json").read_text())["scenario"] == "office"
     observation = furnished.reset(seed=3)[0]
     far = activeslam_gym.observation_layout(furnished).global_slices["clearance"]
     assert far.stop == activeslam_gym.observation_layout(furnished).tokens.start  # behind all others
     observation[far] = 1.0  # nothing within reach
-    here, there = agents.load("policy", furnished, tmp_path), agents.load("policy", plain, tmp_path)
+    here, there = agents.load(str(tmp_path / "policy.npz"), furnished), agents.load(str(tmp_path / "policy.npz"), plain)
     without = np.delete(observation, np.arange(far.start, far.stop))
     np.testing.assert_array_equal(here.predict(observation)[0], there.predict(without)[0])
 
@@ -178,7 +176,7 @@ def test_every_algorithm_has_its_actions_and_acts_on_all(tmp_path: Path, algorit
     train(Args(out=tmp_path, algorithm=algorithm, total_steps=40, **SMALL))
     for name in ("ActiveSLAM", "ActiveSLAMDiscrete", "ActiveSLAMContinuous"):
         env = gym.make(f"{name}-v0")
-        acts(env, agents.load("policy", env, tmp_path))
+        acts(env, agents.load(str(tmp_path / "policy.npz"), env))
     assert task.run_policy(str(tmp_path / "policy.npz"), task.make_environment({"duration": 1.0}), [3])[0].seed == 3
     points = policies.actions_of(str(tmp_path / "policy.npz")) == "Continuous"
     assert points == (algorithm == "sac") and not policies.actions_of("ppo") and not policies.actions_of("stay")
@@ -246,18 +244,18 @@ def test_weights_that_are_no_numbers_are_neither_kept_nor_used(trained: Path, tm
     for name, (value, said) in bad.items():
         (tmp_path / "bad.json").write_text(json.dumps(card | {name: value}))
         with pytest.raises(ValueError, match=said):
-            agents.load("bad", env, tmp_path)
+            agents.load(str(tmp_path / "bad.npz"), env)
     learner = PPO.load(trained / CHECKPOINT)
     with torch.no_grad():
         next(learner.policy.parameters())[:] = np.nan
     with pytest.raises(ValueError, match=diverged):
-        save(tmp_path / "new.npz", learner.policy, card)
+        save(tmp_path / "new.npz", weights_of(learner), card)
     with pytest.raises(ValueError, match=diverged):
         save_learner(learner, tmp_path / "new.zip")
     assert not list(tmp_path.glob("new*"))
     np.savez(tmp_path / "bad.npz", **{name: value.numpy() for name, value in learner.policy.state_dict().items()})
     with pytest.raises(ValueError, match=diverged):
-        agents.load("bad", env, tmp_path)
+        agents.load(str(tmp_path / "bad.npz"), env)
 
 
 def test_a_recipe_is_arguments_by_name_which_later_ones_replace(tmp_path: Path) -> None:

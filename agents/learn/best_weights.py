@@ -16,10 +16,9 @@ from stable_baselines3.common.vec_env import VecEnv
 from activeslam_gym.config import benchmark_seed
 from activeslam_gym.evaluation import Store
 from agents import task
-from agents.learn.algorithms import dimensions, held_out_seed, save_learner
-from agents.learn.card import FLOOR, card_of, read_card
+from agents.learn.learner import dimensions, save_learner, weights_of
 from agents.learn.recipe import CHECKPOINT, CURVE, WEIGHTS, Args, Recipe, trained_scenario
-from agents.learn.weights import save
+from agents.learn.weights import FLOOR, card_of, read_card, save
 from agents.summary import Summary, summarise, text
 from agents.tools.files import write_json
 from agents.tools.statistics import interquartile_mean
@@ -81,26 +80,20 @@ class BestWeights(BaseCallback):
         """Write the present weights and their card."""
         episodes = 0 if math.isnan(held_out_return) else self.args.validation_episodes
         card = card_of(self.args.arguments(), self.learner.num_timesteps, self.seconds(), episodes)
-        save(self.weights, self.learner.policy, card | {"held_out_return": held_out_return})
+        save(self.weights, weights_of(self.learner), card | {"held_out_return": held_out_return})
 
     def add_results(self) -> None:
         """Complete the card: the training's length and time, and results in held-out episodes; print those."""
-        card, episodes = read_card(self.weights), self.args.test_episodes
+        card, scenarios = read_card(self.weights), self.args.scenarios
         card |= {"steps_trained": self.learner.num_timesteps, "seconds_trained": round(self.seconds(), 1)}
-        scenarios = self.args.scenarios
-        if len(scenarios) == 1:
-            print(f"Now {episodes} test episodes of the kept weights, and of {', '.join(REFERENCES)}:", flush=True)
-            card["results"], summary = results(self.weights, episodes, self.args, *scenarios)
+        references = REFERENCES if len(scenarios) == 1 else ()
+        beside = f", and of {', '.join(references)}" if references else ""
+        found = {}
+        for name in scenarios:
+            print(f"{name}: now {self.args.test_episodes} test episodes of the kept weights{beside}:", flush=True)
+            found[name], summary = results(self.weights, self.args.test_episodes, self.args, name, references)
             print(f"\n{text(summary)}\n")
-        else:
-            card["results"] = {}
-            for name in scenarios:
-                own, _ = results(self.weights, episodes, self.args, name, ())
-                card["results"][name] = {column: own[column] for column in ("log_score_gain_median", "lost")}
-                median, lost = (own[column]["value"] for column in ("log_score_gain_median", "lost"))
-                print(
-                    f"{name}: median log score gain {median:.0f} in {episodes} episodes, lost in {lost:.0%}", flush=True
-                )
+        card["results"] = found if len(scenarios) > 1 else found[scenarios[0]]
         write_json(self.weights.with_suffix(".json"), card)
 
     def _on_training_start(self) -> None:
@@ -133,19 +126,12 @@ class BestWeights(BaseCallback):
         """Play the validation episodes, keep the weights if they are the best so far, and add rows to the curve."""
         self.visited, means, failed = self.num_timesteps, {}, []
         for name, batch in self.batches.items():
-            infos: list[dict[str, Any]] = []
-
-            def note(locals_: dict[str, Any], globals_: dict[str, Any], ended: list[dict[str, Any]] = infos) -> None:
-                if locals_["done"]:
-                    ended.append(locals_["info"])
-
-            batch.seed(held_out_seed(name))
-            returns, _ = evaluate_policy(self.model, batch, batch.num_envs, callback=note, return_episode_rewards=True)
+            returns, infos = self._validation(name, batch)
             penalties = np.array([info["reward_terms"]["lost_penalty"] for info in infos])
             means[name] = float(np.mean(np.maximum(returns, FLOOR) + (self.args.forfeit_weight - 1.0) * penalties))
-            scores = np.array([info["log_score"] for info in infos])
             failed.append(float(np.mean([info["lost"] or info["log_score"] < 0.0 for info in infos])))
-            self._add_to_curve(name, float(interquartile_mean(scores)), failed[-1])
+            score = float(interquartile_mean(np.array([info["log_score"] for info in infos])))
+            self._add_to_curve(name, len(infos), score, failed[-1])
             self.logger.record(f"eval/{name}/mean_reward", float(np.mean(returns)))
         several = len(means) > 1
         units = [dimensions(name) / dimensions("paper") if several else 1.0 for name in means]
@@ -159,7 +145,19 @@ class BestWeights(BaseCallback):
         message = f"mean return {found:.0f}{f' ({each})' if several else ''}, failures {100 * np.mean(failed):.0f} %"
         self.bar.write(f"{self.num_timesteps:>9,} decisions: validation: {message}{'; kept' if better else ''}")
 
-    def _add_to_curve(self, scenario: str, log_score: float, failures: float) -> None:
+    def _validation(self, scenario: str, batch: VecEnv) -> tuple[list[float], list[dict[str, Any]]]:
+        """Returns and last infos of the validation episodes of a scenario."""
+        infos: list[dict[str, Any]] = []
+
+        def note(local: dict[str, Any], _: dict[str, Any]) -> None:
+            if local["done"]:
+                infos.append(local["info"])
+
+        batch.seed(benchmark_seed(scenario, validation=True))
+        returns, _ = evaluate_policy(self.model, batch, batch.num_envs, callback=note, return_episode_rewards=True)
+        return returns, infos  # type: ignore[return-value]
+
+    def _add_to_curve(self, scenario: str, episodes: int, log_score: float, failures: float) -> None:
         """Add a row of validation to `CURVE`: the interquartile mean of the log score [bit] and the share of failures.
 
         The policy's own entropy [nat] is that of the last update, for learners that log it.
@@ -169,7 +167,6 @@ class BestWeights(BaseCallback):
         with path.open("a", encoding="utf-8") as file:
             if new:
                 file.write("decisions,seconds,scenario,episodes,log_score,failures,policy_entropy\n")
-            episodes = self.batches[scenario].num_envs
             row = self.num_timesteps, round(self.seconds()), scenario, episodes, f"{log_score:.1f}", f"{failures:.4f}"
             file.write(",".join(map(str, (*row, f"{-entropy:.3f}"))) + "\n")
 

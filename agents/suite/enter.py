@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from activeslam_gym.evaluation import Episode, Store, outcome
 from activeslam_gym.evaluation.code import LIBRARIES, machine, package_versions
 from activeslam_gym.files import text_of
-from agents import policies, pretrained
-from agents.learn.card import read_card
+from agents import policies
+from agents.learn.weights import path_of, read_card
 from agents.suite.manifest import Suite, suite
-from agents.task import Task, check, play_until_interrupted
+from agents.task import Task, check, collect
 from agents.tools.arguments import Workers, given, within
 from agents.tools.files import alone_in, reading, writable_folder, write_json
 
@@ -103,22 +103,19 @@ def main(args: Args) -> int:
     writable_folder("out", folder)
     with alone_in(folder):
         names = _beside(args.policies, folder)
-        environments = [of.environment(one) for one in of.scenarios]
         path = folder / FILE
         if kept := finished(path, args.name, names, of, count):
             write_json(path, asdict(replace(kept, note=args.note)))
             print(f"{path} is of this BEHAVIOUR and these policies already. To play it again, delete it.")
             return 0
         wanted = tasks(names, of, count)
-        check(names, environments, wanted[0].seed)
+        check(wanted)
         print(f"{len(names)} policies, {len(of.scenarios)} scenarios, {count} episodes each: {len(wanted)} episodes.")
-        episodes = play_until_interrupted(wanted, Store(args.out / EPISODES, args.workers))
-        if len(episodes) < len(wanted):
+        found = collect(wanted, Store(args.out / EPISODES, args.workers))
+        if len(found) < len(wanted):
             print("Run the same command to continue.")
             return 130
-        found = {(one.policy, one.settings, one.seed): one for one in episodes}
-        runs = [found[task.policy, task.settings, task.seed] for task in wanted]
-        write_json(path, asdict(made(args.name, names, of, args.note, runs)))
+        write_json(path, asdict(made(args.name, names, of, args.note, [found[task] for task in wanted])))
     print(f"Written to {path}. Check it: python -m agents verify {path}")
     return 0
 
@@ -141,7 +138,7 @@ def _beside(names: Sequence[str], folder: Path) -> list[str]:
     for i, name in enumerate(names):  # all are read before any is written: they may lie in that folder
         if path := policies.file_of(name):
             beside[i] = str(folder / f"policy-{i}{path.suffix}")
-            files.append((Path(beside[i]), path.read_bytes(), read_card(path) if pretrained.path_of(name) else None))
+            files.append((Path(beside[i]), path.read_bytes(), read_card(path) if path_of(name) else None))
     for copy, content, card in files:
         copy.write_bytes(content)
         if card is not None:
@@ -177,7 +174,7 @@ def made(name: str, names: Sequence[str], suite: Suite, note: str, runs: Sequenc
         **decisive(name, names, suite),
         versions=package_versions(VERSIONS),
         machine=machine(),
-        training=tuple(map(cost_of, filter(pretrained.path_of, names))),
+        training=tuple(map(cost_of, filter(path_of, names))),
         note=note,
         scores=by_scenario("log_score_gain"),
         lost=by_scenario("lost"),
@@ -210,7 +207,7 @@ def decisive(name: str, names: Sequence[str], suite: Suite) -> dict[str, Any]:
 
 def cost_of(policy: str) -> dict[str, Any]:
     """What the card of learned weights says of their training."""
-    path = pretrained.path_of(policy)
+    path = path_of(policy)
     assert path is not None
     card: Mapping[str, Any] = read_card(path)
     return {name: card[name] for name in COST if name in card}

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from agents.suite import enter
 from agents.suite.enter import Entry
 from agents.suite.manifest import Suite, suite
-from agents.tools.arguments import Pages
-from agents.tools.sections import Table, put_section
+from agents.tools.arguments import Pages, command_line
+from agents.tools.sections import Table, publish, put_section
 from agents.tools.statistics import FEWEST, RESAMPLES, TAILS, Estimate, estimate, interquartile_mean
 
 Array = NDArray[np.float64]
@@ -51,7 +51,7 @@ def main(args: Args) -> int:
     tables = board(of, found)
     print("\n\n".join(table.aligned() for table in tables))
     text = "\n\n".join([*(f"### {table.title}\n\n{table.markdown()}" for table in tables), LEGEND])
-    args.publish("leaderboard", leaderboard=text)
+    publish(args.report, SECTION, text, command_line("agents leaderboard", args))
     for page in args.report:
         put_section(page, SHORT, f"{shortened(tables[0], of, found).markdown()}\n\n{SHORT_LEGEND}")
     return 0

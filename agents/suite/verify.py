@@ -18,7 +18,7 @@ from agents import policies
 from agents.suite import enter
 from agents.suite.enter import Entry
 from agents.suite.manifest import Suite, suite
-from agents.task import Task, check, play_until_interrupted
+from agents.task import Task, check, collect
 from agents.tools.arguments import Workers
 from agents.tools.sections import in_a_line
 
@@ -50,14 +50,12 @@ def main(args: Args) -> int:
         return 1
     if own := list(filter(policies.holds_code, names)):
         _say(f"This runs the entrant's code: {', '.join(own)}.")
-    environments = [of.environment(one) for one in of.scenarios]
     chosen = _chosen(entry, of, names)
-    check(names, environments, next(iter(chosen)).seed)
-    runs = play_until_interrupted(list(chosen), Store(args.out, args.workers))
-    places = {(task.policy, task.settings, task.seed): place for task, place in chosen.items()}
+    check(chosen)
+    runs = collect(list(chosen), Store(args.out, args.workers))
     differences = []
-    for run in runs:
-        scenario, policy, index = places[run.policy, run.settings, run.seed]
+    for task, run in runs.items():
+        scenario, policy, index = chosen[task]
         row, kept, lost = outcome(run), entry.gains(scenario)[policy, index], entry.lost[scenario][policy][index]
         same = np.isclose(row["log_score_gain"], kept, rtol=TOLERANCE, atol=TOLERANCE)
         if not same or row["lost"] != lost:

@@ -11,10 +11,10 @@ from typing import Any
 
 from activeslam_gym.config import ASKED, scenario_from
 from agents.tools.files import reading
-from agents.tools.sections import page_with, provenance, put_section
+from agents.tools.sections import page_with
 
 SEEDS = (0, 2**62)  # bounds of a seed: the episodes after it have seeds too
-NO_NUMBER = ("jobs", "cluster", "out", "store", "report", "resume", "figures")  # arguments that decide no number
+NO_NUMBER = ("jobs", "cluster", "out", "report", "resume", "figures")  # arguments that decide no number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,13 +66,6 @@ class Pages:
         """Raises ValueError where a page has none of these sections."""
         for page in self.report:
             page_with(page, *sections)
-
-    def publish(self, name: str, **sections: str) -> None:
-        """Put the texts into the sections of the pages, each under the command that made it."""
-        made_by = provenance(command_line(f"agents {name}", self))
-        for page in self.report:
-            for section, text in sections.items():
-                put_section(page, section, f"{made_by}\n\n{text}")
 
 
 def command_line(module: str, args: Any) -> str:

@@ -2,7 +2,7 @@
 
 import platform
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import NamedTuple
@@ -55,6 +55,12 @@ def provenance(command: str) -> str:
     versions = ", ".join(f"{name} {version}" for name, version in package_versions(PACKAGES).items())
     day = f"{datetime.now(timezone.utc):%Y-%m-%d}"
     return f"```bash\n{command}\n```\n\n{day}; {machine()}; python {platform.python_version()}, {versions}, {code()}."
+
+
+def publish(pages: Iterable[Path], name: str, text: str, command: str) -> None:
+    """Put a text into the section ``name`` of the pages, under the command that made it."""
+    for page in pages:
+        put_section(page, name, f"{provenance(command)}\n\n{text}")
 
 
 def put_section(path: Path, name: str, text: str) -> bool:

@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 import baselines
 from activeslam_gym import observation_layout
-from agents.sb3_vec_env import ActiveSLAMVecEnv, ScaledReward, loss_chance
+from agents.sb3 import ActiveSLAMVecEnv, ScaledReward, loss_chance
 
 SHORT: dict[str, Any] = {"gaze_period": 0.25, "duration": 3.0, "lost_position_error": 0.04}
 

@@ -1,4 +1,4 @@
-"""The training batches, and the learners of Stable-Baselines3 on them."""
+"""What a recipe trains: the batches of its scenarios, and a learner of Stable-Baselines3 on them."""
 
 import json
 import math
@@ -19,14 +19,13 @@ from stable_baselines3.common.save_util import load_from_zip_file
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
 from activeslam_gym import observation_layout
-from activeslam_gym.config import TRAINING_SEED, benchmark_seed
+from activeslam_gym.config import TRAINING_SEED
 from activeslam_gym.files import written_whole
 from activeslam_gym.motion import CAMERA_DIM
-from agents import pretrained
+from agents.learn.policy import policy_arguments
 from agents.learn.recipe import Recipe, scenario_of, trained_scenario
-from agents.learn.several import SeveralScenarios
-from agents.learn.weights import policy_arguments, read, require_finite
-from agents.sb3_vec_env import Actions, ActiveSLAMVecEnv, ScaledReward
+from agents.learn.weights import Weights, read, require_finite
+from agents.sb3 import Actions, ActiveSLAMVecEnv, ScaledReward, SeveralScenarios
 from agents.tools.files import reading
 from baselines.sequences import best_sequence
 
@@ -43,11 +42,6 @@ ACTIONS: dict[str, Actions] = {"dqn": "indices", "sac": "points"}  # of the othe
 def training_seed(recipe: Recipe) -> int:
     """The first seed of the episodes that are trained in."""
     return TRAINING_SEED + recipe.num_envs * recipe.seed
-
-
-def held_out_seed(scenario: str) -> int:
-    """The first seed of the episodes that choose the best weights: none of training, none of a benchmark."""
-    return benchmark_seed(scenario, validation=True)
 
 
 def make_training(recipe: Recipe) -> VecEnv:
@@ -186,16 +180,12 @@ def _prefer(learner: Any, action: tuple[int, int], probability: float) -> None:
             bias[index] += math.log(others * probability / (1.0 - probability))
 
 
-def initial_weights(recipe: Recipe) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+def initial_weights(recipe: Recipe) -> tuple[Weights, dict[str, Any]]:
     """The recipe's initial weights and their card.
 
     Raises ValueError where there are none, or they are of another learner or of a single scenario.
     """
-    path = pretrained.path_of(recipe.initial)
-    if path is None:
-        allowed = ", ".join([*pretrained.names(), "or a file of weights, policy.npz"])
-        raise ValueError(f"initial: {recipe.initial!r}; allowed: {allowed}")
-    weights, card = read(path.stem, path.parent)
+    weights, card = read(recipe.initial, "initial")
     if card["algorithm"] != recipe.algorithm or not _common_layout(Recipe.of(card)):
         theirs = f"{card['algorithm']} in {card['scenario']}"
         raise ValueError(
@@ -248,6 +238,11 @@ def save_learner(learner: BaseAlgorithm, checkpoint: Path) -> None:
 
     Raises ValueError for weights that are not finite.
     """
-    require_finite({name: value.cpu().numpy() for name, value in learner.policy.state_dict().items()})
+    require_finite(weights_of(learner))
     with written_whole(checkpoint) as unfinished:
         learner.save(unfinished)
+
+
+def weights_of(learner: BaseAlgorithm) -> Weights:
+    """The weights of a learner's policy."""
+    return {name: value.cpu().numpy() for name, value in learner.policy.state_dict().items()}

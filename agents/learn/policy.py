@@ -1,0 +1,231 @@
+"""Learned policies: what their network reads, the network, and its use as a policy."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.dqn.policies import DQNPolicy
+from stable_baselines3.sac.policies import SACPolicy
+from torch import nn
+
+from activeslam_gym import CONTEXT_FEATURES, Gaze, Motion, ObservationLayout, core_of, observation_layout
+from activeslam_gym.config import whole_multiple
+from activeslam_gym.motion import COMMANDS, MOTION_COUNT, nearest_gaze, nearest_motion
+from baselines.policy import Environment
+
+CONTEXT_SIZE = sum(CONTEXT_FEATURES.values())
+_FREE, _EMPTY = -2, -1  # columns that an observation lacks: nothing within reach, and no token
+TOKEN_WIDTH = 64  # most units of the hidden layer of tokens in new networks
+
+
+def common_size(layout: ObservationLayout) -> int:
+    """Numbers before the tokens in the input of a network for several scenarios: all global features, and the context.
+
+    ``layout`` is that of any scenario.
+    """
+    return _general_size(layout) + MOTION_COUNT + CONTEXT_SIZE
+
+
+def _general_size(layout: ObservationLayout) -> int:
+    """Global features that every observation has: all but the range finders."""
+    sensed = layout.global_slices.get("clearance", slice(0, 0))
+    return layout.tokens.start - (sensed.stop - sensed.start)
+
+
+class Inputs:
+    """From observations to the inputs of a network whose weights read ``known`` numbers before the tokens.
+
+    With `common_size` of them the context stands behind the global features. Where there are bodies, range finders
+    stand behind the other global features: weights of a room without them read on without, and to weights of a room
+    with them all is free where there are none.
+
+    Args:
+        layout: The observation's.
+        known: Numbers before the tokens that the weights know; the observation's own if not given.
+        tokens: Tokens of the input, of which those that the observation lacks are empty; its own if not given.
+    """
+
+    def __init__(self, layout: ObservationLayout, known: int | None = None, tokens: int | None = None) -> None:
+        start, general = layout.tokens.start, _general_size(layout)
+        own = start - general
+        self.contextual = known == common_size(layout)
+        width = known - CONTEXT_SIZE * self.contextual if known is not None else start
+        if width not in (general, general + MOTION_COUNT):
+            width, self.contextual = start, False  # weights of another observation, which will say so
+        finders = [np.arange(general, general + own), np.full(MOTION_COUNT - own, _FREE)] if width > general else []
+        context = [layout.size + np.arange(CONTEXT_SIZE)] if self.contextual else []
+        globals_ = np.concatenate([np.arange(general), *finders, *context])
+        count, size = layout.token_shape
+        more = (count if tokens is None else tokens) - count
+        self._columns = np.concatenate([globals_, np.arange(start, layout.size), np.full(more * size, _EMPTY)])
+        self.layout = replace(
+            layout,
+            tokens=slice(len(globals_), len(self._columns)),
+            token_shape=(count + more, size),
+            size=len(self._columns),
+        )
+
+    def __call__(self, observations: np.ndarray, context: np.ndarray) -> np.ndarray:
+        """(B, D) and, where it is read, the context (B, `CONTEXT_SIZE`) -> (B, ``layout.size``) float32."""
+        known = [observations, context] if self.contextual else [observations]
+        filling = np.tile(np.array([1.0, 0.0], np.float32), (len(observations), 1))
+        return np.concatenate([*known, filling], axis=1)[:, self._columns]
+
+
+class SetEncoder(BaseFeaturesExtractor):
+    """Global features, and the mean and the maximum of the encoded tokens, which do not depend on their order.
+
+    The number of tokens does not enter the weights, so that they serve a room with more landmarks. An empty token (its
+    kind is all zero) is left out, and costs no time.
+
+    Args:
+        observation_space: The flat observation's.
+        layout: Slices of its parts.
+        width: Units of the encoded global features, and of an encoded token.
+        token_width: Units of the hidden layer of tokens, of which there are many.
+    """
+
+    def __init__(
+        self, observation_space: spaces.Box, layout: ObservationLayout, width: int = 64, token_width: int = 64
+    ) -> None:
+        super().__init__(observation_space, features_dim=3 * width)
+        self.layout = layout
+        kinds = [layout.token_slices[name] for name in ("fiducial", "expected", "initialising", "mapped")]
+        self.kinds = slice(kinds[0].start, kinds[-1].stop)
+        self.globals = nn.Sequential(nn.Linear(layout.tokens.start, width), nn.Tanh())
+        self.tokens = nn.Sequential(
+            nn.Linear(layout.token_shape[1], token_width), nn.ReLU(), nn.Linear(token_width, width), nn.ReLU()
+        )
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        """(B, D) -> (B, 3 width)."""
+        tokens = observations[:, self.layout.tokens].unflatten(1, self.layout.token_shape)
+        present = tokens[:, :, self.kinds].sum(dim=2) > 0.0
+        general = self.globals(observations[:, : self.layout.tokens.start])
+        return torch.cat([general, *self._pooled(tokens, present)], dim=1)
+
+    def _pooled(self, tokens: torch.Tensor, present: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """(B, T, W) and (B, T) -> mean and maximum (B, width) of the encoded tokens that are there."""
+        encoded, row = self.tokens(tokens[present]), present.nonzero()[:, 0]
+        none = encoded.new_zeros(len(tokens), encoded.shape[1])
+        mean = none.index_add(0, row, encoded) / present.sum(dim=1, keepdim=True).clamp(min=1)
+        return mean, none.scatter_reduce(0, row[:, None].expand_as(encoded), encoded, "amax")  # ReLU: 0 is the least
+
+
+def policy_arguments(
+    layout: ObservationLayout, width: int, weights: Mapping[str, np.ndarray] | None = None
+) -> dict[str, Any]:
+    """SB3's `policy_kwargs` of our policies: of new ones, or of a network for ``weights``."""
+    token_width = min(width, TOKEN_WIDTH)
+    for name, values in (weights or {}).items():
+        if name.endswith("features_extractor.tokens.0.weight"):
+            token_width = len(values)
+    return {
+        "features_extractor_class": SetEncoder,
+        "features_extractor_kwargs": {"layout": layout, "width": width, "token_width": token_width},
+        "net_arch": [width],
+    }
+
+
+class LearnedPolicy:
+    """Trained weights behind the common `predict`, bound to the environment whose time it follows.
+
+    It decides every ``decision_period`` seconds of the environment, as it was trained to, and holds its action in
+    between: the network is asked only where a decision is due.
+    """
+
+    def __init__(self, env: Environment, weights: dict[str, np.ndarray], card: dict[str, Any]) -> None:
+        self.card = card
+        self._env = core_of(env)
+        decision_period = float(card["decision_period"])
+        self._hold = whole_multiple("decision_period", decision_period, "gaze_period", self._env.gaze_period)
+        firsts = [value for name, value in weights.items() if name.endswith("features_extractor.globals.0.weight")]
+        if {one.shape[:-1] for one in firsts} != {(card["width"],)}:
+            raise ValueError(f"width: {card['width']}, which is not that of the weights")
+        self._inputs = Inputs(observation_layout(env), firsts[0].shape[1])
+        self._network = _network(self._inputs.layout, weights, card)
+        self._space = getattr(self._env, "single_action_space", self._env.action_space)
+
+    def predict(
+        self, observation: np.ndarray, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """(D,) -> (2,), (B, D) -> (B, 2), or the actions of the discrete and the continuous id; ``state`` holds the
+        last decisions (B, 2), points (B, 4) of SAC on the continuous id."""
+        observations = np.atleast_2d(observation)
+        step = np.round(np.atleast_1d(self._env.time) / self._env.gaze_period).astype(int)
+        due = np.full(len(observations), True) if state is None else np.broadcast_to(step % self._hold == 0, len(state))
+        if due.any():
+            context = np.atleast_2d(self._env.context) if self._inputs.contextual else observations
+            decided = self._decide(self._inputs(observations[due], context[due]), deterministic)
+            state = np.zeros((len(observations), decided.shape[1]), decided.dtype) if state is None else state.copy()
+            state[due] = decided
+        actions = state
+        if isinstance(self._space, spaces.Discrete):
+            actions = len(Gaze) * state[:, 0] + state[:, 1]
+        elif isinstance(self._space, spaces.Box) and state.shape[1] == 2:
+            actions = COMMANDS[state[:, 0], state[:, 1]].astype(np.float32)
+        return (actions[0] if np.ndim(observation) == 1 else actions.copy()), state
+
+    def _decide(self, inputs: np.ndarray, deterministic: bool) -> np.ndarray:
+        """Motions and gazes (B, 2): the preferred ones, or drawn by the policy's own probabilities. Of SAC its mean,
+        where the environment takes points (B, 4), or else the nearest pair."""
+        with torch.inference_mode(), _one_thread():
+            found = _answer(self._network, torch.as_tensor(inputs))
+            if isinstance(self._network, SACPolicy):
+                points = found[0].numpy()
+                if isinstance(self._space, spaces.Box):
+                    return points
+                return np.array([(nearest_motion(point), nearest_gaze(point[3])) for point in points], np.int64)
+            if deterministic or len(found) == 1:  # values are no probabilities
+                parts = [part.argmax(dim=1).numpy() for part in found]
+            else:
+                parts = [torch.multinomial(part.softmax(dim=1), 1)[:, 0].numpy() for part in found]
+        return np.stack(parts if len(parts) == 2 else np.divmod(parts[0], len(Gaze)), axis=1)
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """PyTorch on one thread: a network this small is slower, by far, where several have to meet."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+def _answer(network: BasePolicy, inputs: torch.Tensor) -> tuple[torch.Tensor, ...]:
+    """Preferences of motions (B, 7) and gazes (B, 3); of DQN the values of the joint actions (B, 21), of SAC the action
+    (B, 4). Without the critic and the distributions of SB3's `predict`: a third of its time."""
+    if isinstance(network, DQNPolicy):
+        return (network.q_net(inputs),)
+    if isinstance(network, SACPolicy):
+        return (network.actor(inputs, deterministic=True),)
+    latent = network.mlp_extractor.forward_actor(network.extract_features(inputs))
+    return network.action_net(latent).split((len(Motion), len(Gaze)), dim=1)
+
+
+def _network(layout: ObservationLayout, weights: dict[str, np.ndarray], card: dict[str, Any]) -> BasePolicy:
+    """The network for a layout with these weights. Raises ValueError where they do not fit the observation."""
+    kinds: dict[str, tuple[type[BasePolicy], spaces.Space]] = {
+        "dqn": (DQNPolicy, spaces.Discrete(len(Motion) * len(Gaze))),
+        "sac": (SACPolicy, spaces.Box(-1.0, 1.0, (4,), np.float32)),
+    }
+    kind, actions = kinds.get(card["algorithm"], (ActorCriticPolicy, spaces.MultiDiscrete([len(Motion), len(Gaze)])))
+    space = spaces.Box(-1.0, 1.0, (layout.size,), np.float32)
+    network = kind(space, actions, lambda _: 0.0, **policy_arguments(layout, int(card["width"]), weights))
+    try:
+        network.load_state_dict({name: torch.as_tensor(value) for name, value in weights.items()})
+    except (RuntimeError, TypeError) as error:
+        raise ValueError(
+            f"the weights do not fit an observation of {layout.tokens.start} global features and tokens of "
+            f"{layout.token_shape[1]}: {error}"
+        ) from error
+    network.set_training_mode(False)
+    return network

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from activeslam_gym import Gaze, Motion
-from activeslam_gym.evaluation import Episode, gaze_counts, motion_counts, outcome
+from activeslam_gym.evaluation import Episode, gaze_counts, motion_counts
 from activeslam_gym.files import written_whole
 from activeslam_gym.rendering.scene import FIDUCIAL, ellipses
 from agents.summary import grouped
-from agents.tools.statistics import estimate
+from agents.tools.statistics import aggregate
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,8 +42,8 @@ def draw_all(episodes: Sequence[Episode], folder: Path) -> list[Path]:
 
 def scores(by_policy: Runs) -> Figure:
     """The log score gained in each episode, the best policy on top, with the median and its 95 % interval."""
-    gains = {name: np.array([outcome(run)["log_score_gain"] for run in runs]) for name, runs in by_policy.items()}
-    medians = {name: estimate(values, "median") for name, values in gains.items()}
+    gains = {name: np.array([run.gain for run in runs]) for name, runs in by_policy.items()}
+    medians = {name: aggregate(values, "median") for name, values in gains.items()}
     order = sorted(medians, key=lambda name: np.nan_to_num(medians[name].value, nan=-np.inf))
     high = 1.05 * max(1.0, *(np.nanmax(values, initial=1.0) for values in gains.values()))
     low = -0.15 * high

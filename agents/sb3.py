@@ -2,9 +2,8 @@
 
 import os
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from time import perf_counter
 from typing import Any, Literal
 
 import numpy as np
@@ -23,7 +22,7 @@ from activeslam_gym import (
     observation_layout,
 )
 from activeslam_gym.envs.episode import info_at
-from agents.learn.policy import Inputs, common_size
+from agents.learn.inputs import Inputs, common_size
 
 Actions = Literal["pairs", "indices", "points"]
 BATCHES: dict[Actions, type[ActiveSLAMVectorEnv]] = {
@@ -135,18 +134,10 @@ class ScaledReward(VecEnvWrapper):
     """
 
     def __init__(
-        self,
-        venv: VecEnv,
-        scale: float,
-        clip: float = np.inf,
-        penalty_weight: float = 1.0,
-        risk_weight: float = 0.0,
+        self, venv: VecEnv, scale: float, clip: float = np.inf, penalty_weight: float = 1.0, risk_weight: float = 0.0
     ) -> None:
         super().__init__(venv)
-        self.scale = scale
-        self.clip = clip
-        self.penalty_weight = penalty_weight
-        self.risk_weight = risk_weight
+        self.scale, self.clip, self.penalty_weight, self.risk_weight = scale, clip, penalty_weight, risk_weight
 
     def reset(self) -> np.ndarray:
         """As the wrapped environment."""
@@ -160,14 +151,11 @@ class ScaledReward(VecEnvWrapper):
             lost_penalties[i] = infos[i]["reward_terms"]["lost_penalty"]
         gains = np.clip(rewards - lost_penalties, -self.clip, self.clip) + self.penalty_weight * lost_penalties
         if self.risk_weight:
-            gains -= self.risk_weight * np.where(dones, 0.0, self._loss_chances())  # at an end the next run has begun
+            env = self.unwrapped
+            covariances = np.stack([belief.covariance[:3, :3] for belief in env.belief])
+            risks = loss_chance(covariances, env.lost_position_error).astype(np.float32)
+            gains -= self.risk_weight * np.where(dones, 0.0, risks)  # at an end the next run has begun
         return observations, self.scale * gains, dones, infos
-
-    def _loss_chances(self) -> np.ndarray:
-        """(B,) as the beliefs are now."""
-        env = self.unwrapped
-        covariances = [belief.covariance[:3, :3] for belief in env.belief]
-        return loss_chance(np.stack(covariances), env.lost_position_error).astype(np.float32)
 
 
 def loss_chance(covariance: np.ndarray, limit: float) -> np.ndarray:
@@ -267,43 +255,23 @@ class EpisodeLog(BaseCallback):
 
     Args:
         window: The last so many episodes count.
-        write: Called with a line of text whenever as many episodes as environments have ended, for instance `print`:
-            decisions so far, mean return and failures of those episodes, decisions a second. No lines if None.
 
     Raises:
         ValueError: ``window`` is no positive number.
         KeyError: an environment's ``info`` has no ``log_score``: it is none of ActiveSLAM.
     """
 
-    def __init__(self, window: int = 100, write: Callable[[str], object] | None = None) -> None:
+    def __init__(self, window: int = 100) -> None:
         super().__init__()
         if window < 1:
             raise ValueError(f"window: {window}; allowed: 1 or more episodes")
-        self._write, self._ended = write, deque[tuple[float, bool, float]](maxlen=window)
-        self._new: list[tuple[float, bool, float]] = []  # log score, failure and return of those since the last line
-        self._since = 0, 0.0  # decisions and time at the last line
-
-    def _on_training_start(self) -> None:
-        self._since = self.num_timesteps, perf_counter()
+        self._ended = deque[tuple[float, bool]](maxlen=window)  # log score and failure
 
     def _on_step(self) -> bool:
         ended = [info for info, done in zip(self.locals["infos"], self.locals["dones"]) if done]
-        for info in ended:
-            score, gained = float(info["log_score"]), float(info.get("episode", {"r": np.nan})["r"])
-            self._new.append((score, bool(info["lost"]) or score < 0.0, gained))
-            self._ended.append(self._new[-1])
+        self._ended.extend((info["log_score"], info["lost"] or info["log_score"] < 0.0) for info in ended)
         if ended:
-            scores, failed, _ = np.transpose(self._ended)
-            self.logger.record("rollout/log_score", float(scores.mean()))
-            self.logger.record("rollout/failures", float(failed.mean()))
-        if len(self._new) >= self.training_env.num_envs:
-            if self._write:
-                self._write(self._line())
-            self._new, self._since = [], (self.num_timesteps, perf_counter())
+            log_score, failures = np.mean(self._ended, axis=0).tolist()
+            self.logger.record("rollout/log_score", log_score)
+            self.logger.record("rollout/failures", failures)
         return True
-
-    def _line(self) -> str:
-        scores, failed, gained = np.transpose(self._new).mean(axis=1)
-        speed = (self.num_timesteps - self._since[0]) / (perf_counter() - self._since[1])
-        means = f"return {gained:.0f}, log score {scores:.0f}, failures {100.0 * failed:.0f} %"
-        return f"{self.num_timesteps:>9,} decisions: {len(self._new)} episodes, {means}, {speed:.0f} decisions/s"

@@ -9,7 +9,7 @@ import numpy as np
 from activeslam_gym.evaluation import Episode, outcome
 from activeslam_gym.evaluation.code import code
 from agents.tools.sections import Table, escaped
-from agents.tools.statistics import FEW_EPISODES, LEGEND, Column, Estimate, paired_rmse
+from agents.tools.statistics import FEW_EPISODES, LEGEND, Aggregate, Column, paired_rmse
 
 DEGREES = 180.0 / np.pi
 
@@ -39,7 +39,7 @@ PAIRED = (
     *ERRORS[1:],
 )
 """Of the differences in the same episode."""
-Figures = dict[str, Estimate]  # column → figure over episodes
+Figures = dict[str, Aggregate]  # column → figure over episodes
 
 
 @dataclass(frozen=True)

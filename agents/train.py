@@ -53,7 +53,7 @@ def train(args: Args) -> bool:
             begun = learner.num_timesteps > 0 or math.isfinite(best_weights.best)
             left = max(0, args.total_steps - learner.num_timesteps)
             if left or not begun:
-                callbacks = [best_weights, EpisodeLog(write=best_weights.write), *_wandb(args, stack)]
+                callbacks = [best_weights, EpisodeLog(), *_wandb(args, stack)]
                 learner.learn(left, callback=callbacks, reset_num_timesteps=False, tb_log_name="run")
             finished = True
         except KeyboardInterrupt:

@@ -1,7 +1,7 @@
 """`python -m agents watch`: an episode of one policy, or of several side by side."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from itertools import zip_longest
@@ -18,10 +18,10 @@ from activeslam_gym.files import written_whole
 from activeslam_gym.rendering import NoScreen
 from activeslam_gym.rendering.scene import TEXT
 from agents.task import Task, check, file_name, make_environment, run_policy
-from agents.tools.arguments import SEEDS, Times, given, positive, within
+from agents.tools.arguments import SEEDS, Times, given, within
 from agents.tools.files import writable_file, writable_folder
 
-LONGEST = 60.0  # of a picture of the animation [s]
+SPEED = 4.0  # times faster than life
 COLOURS = 64  # of the palette; the pictures are flat
 STRIP_PX = 26  # height of the strip with a name
 LOST = "#D62728"
@@ -42,56 +42,35 @@ class Args(Times):
     save: Path | None = None
     """File for an animation of all policies side by side: NAME.gif."""
     every: float = 0.5
-    """Seconds of the episode between two pictures of the animation."""
-    speed: float = 4.0
-    """How many times faster than life the animation plays."""
+    """Seconds of the episode between two pictures of the animation, which plays four times faster than life."""
     width: int = 640
     """Width in pixels of each policy's picture, which is two thirds as high."""
     tum: Path | None = None
     """Folder for the true and the estimated trajectories in TUM's format."""
 
-    def check(self) -> None:
-        """Raises ValueError for a bad argument; the message names it, its value and what is allowed."""
+    def __post_init__(self) -> None:
         given(self, "policies")
-        within(self, seed=SEEDS, width=(64, 4096))
-        positive(self, "every", "speed")
-        if self.every / self.speed > LONGEST:
-            raise ValueError(f"speed: {self.speed!r} shows a picture for more than {LONGEST:g} s; allowed: faster")
+        within(self, seed=SEEDS, width=(64, 4096), every=(0.01, 100.0))
         if self.save is not None:
             if self.save.suffix != ".gif":
                 raise ValueError(f"save must end in .gif, got {str(self.save)!r}")
             writable_file("save", self.save)
         if self.tum:
             writable_folder("tum", self.tum)
-        settings = json.dumps(self.environment(self.scenario))
-        check(Task(name, self.seed, settings) for name in self.policies)
-
-    @property
-    def drawn(self) -> dict[str, Any]:
-        """Arguments of the environment; it draws in a window where nothing is to be written."""
-        in_window = self.save is None and self.tum is None
-        mode = "human" if in_window else "rgb_array"  # the latter keeps the history that a picture shows
-        return self.environment(self.scenario) | {"render_mode": mode}
 
 
 def main(args: Args) -> int:
-    """Run the command; the exit status. Raises as `watch`, and ValueError for a bad argument."""
-    args.check()
-    for path in watch(args):
-        print(f"Written to {path}")
-    return 0
-
-
-def watch(args: Args) -> Iterator[Path]:
-    """Run each policy's episode, and yield the files once they are written.
+    """Play each policy's episode, in a window where nothing is to be written; the exit status.
 
     Raises:
         ValueError: an unknown policy, or a bad argument of the environment.
         ImportError, gymnasium.error.Error: a package that draws, or a screen, is missing.
     """
-    films, titles = [], labels(args.policies)
-    for name, title in titles.items():
-        film, env = Film(args.every, args.width), make_environment(args.drawn)
+    films, arguments = {}, args.environment(args.scenario)
+    check(Task(name, args.seed, json.dumps(arguments)) for name in args.policies)
+    mode = "rgb_array" if args.save or args.tum else "human"  # the former keeps the history that a picture shows
+    for name, title in titles(args.policies).items():
+        film, env = Film(args.every, args.width), make_environment(arguments | {"render_mode": mode})
         observers: list[Observer] = [film.observe] if args.save else []
         try:
             (episode,) = run_policy(name, env, [args.seed], observers=[observers])
@@ -101,28 +80,25 @@ def watch(args: Args) -> Iterator[Path]:
         row = outcome(episode)
         end = "lost" if episode.lost else f"{row['bits']:.0f} bits of entropy reduction"
         print(
-            f"{label(name)}, episode {args.seed}: {end} (log score gain {row['log_score_gain']:.0f} bits), "
+            f"{title}, episode {args.seed}: {end} (log score gain {row['log_score_gain']:.0f} bits), "
             f"{row['distinct_landmarks']} landmarks mapped, camera {100 * row['position_error']:.1f} cm off"
         )
-        if args.tum:
-            yield from episode.write_trajectories(args.tum, f"{title}-{args.seed}")
-        films.append(film)
+        for path in episode.write_trajectories(args.tum, f"{title}-{args.seed}") if args.tum else ():
+            print(f"Written to {path}")
+        films[title] = film
     if args.save:
-        curves = [film.curve for film in films] if len(films) > 1 else []
-        pictures = side_by_side([film.pictures(curves) for film in films], list(titles.values()))
-        write_animation(args.save, pictures, args.every / args.speed)
-        yield args.save
+        curves = [film.curve for film in films.values()] if len(films) > 1 else []
+        pictures = side_by_side([film.pictures(curves) for film in films.values()], list(films))
+        write_animation(args.save, pictures, args.every / SPEED)
+        print(f"Written to {args.save}")
+    return 0
 
 
-def labels(names: Sequence[str]) -> dict[str, str]:
-    """Each policy's name once, and its title: its `label`, or `file_name` where others have that label too."""
-    short = {name: label(name) for name in names}
+def titles(names: Sequence[str]) -> dict[str, str]:
+    """Each policy's name once, and its title: the stem of its file, its function, or `file_name` where these are the
+    same."""
+    short = {name: Path(name.rpartition(":")[2]).stem for name in names}
     return {name: one if list(short.values()).count(one) == 1 else file_name(name) for name, one in short.items()}
-
-
-def label(name: str) -> str:
-    """A policy's name as part of a file's name: the stem of a file of weights, the factory of a user's own."""
-    return Path(name.rpartition(":")[2]).stem
 
 
 class Film:

@@ -16,16 +16,17 @@ import ray
 from ray.rllib.algorithms.ppo import PPOConfig
 from ray.tune.registry import register_env
 
-from agents.rllib import Padded, padded_size
+from activeslam_gym import observation_layout
+from agents.rllib import Padded
 
 SCALE = 0.05
 MADE = itertools.count()  # environments of this process
 
 
 def make_env(config: dict) -> gym.Env:
-    """One environment; those of a worker are of all scenarios by turns, with observations of one size."""
+    """One environment; those of a worker are of all scenarios by turns, with as many tokens."""
     scenario = config["scenarios"][next(MADE) % len(config["scenarios"])]
-    env = Padded(gym.make("activeslam_gym:ActiveSLAM-v0", scenario=scenario), config["size"])
+    env = Padded(gym.make("activeslam_gym:ActiveSLAM-v0", scenario=scenario), config["tokens"])
     return gym.wrappers.TransformReward(env, lambda reward: SCALE * float(reward))
 
 
@@ -49,10 +50,11 @@ def main(
         log_to_driver=False,
     )
     register_env("active-slam", make_env)
-    size = max(padded_size(gym.make("activeslam_gym:ActiveSLAM-v0", scenario=one)) for one in scenario)
+    layouts = [observation_layout(gym.make("ActiveSLAM-v0", scenario=one)) for one in scenario]
+    tokens = max(layout.token_shape[0] for layout in layouts)
     config = (
         PPOConfig()
-        .environment("active-slam", env_config={"scenarios": list(scenario), "size": size})
+        .environment("active-slam", env_config={"scenarios": list(scenario), "tokens": tokens})
         .callbacks(on_episode_end=log_failures)
         .env_runners(
             num_env_runners=workers,

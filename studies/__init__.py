@@ -2,49 +2,73 @@
 
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
-
-from activeslam_gym.config import scenario_from
+from activeslam_gym.config import benchmark_seed, scenario_from
 from activeslam_gym.evaluation import Episode, Measure, Store
 from agents.task import Task, check, results
-from agents.tools.arguments import SEEDS, Workers, made_scenario, scenario_argument, within
+from agents.tools.arguments import SEEDS, Workers, command_line, made_scenario, scenario_argument, within
 from agents.tools.files import writable_folder
-from agents.tools.sections import page_with, provenance, put_section
-from agents.tools.statistics import Estimate, bootstrap_interval
+from agents.tools.sections import page_with, publish
 
 BATCH = 20  # episodes at a time
 Name = TypeVar("Name")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Study(Workers):
-    """The arguments that studies share."""
+class Page:
+    """Where a study's text goes."""
 
     section = ""
-    """Of the page that ``report`` names."""
-    episodes: int = 100
-    """Episodes of each policy."""
-    seed: int = 1_000_000
-    """Seed of the first episode."""
-    jobs: int = 1
-    """Number of processes."""
-    out: Path | None = None
-    """Folder in which finished episodes are kept for the next time."""
+    """The study's name, and the section of the page."""
     report: Path | None = None
     """Page in which the generated section is rewritten."""
 
     def __post_init__(self) -> None:
-        super().__post_init__()
-        within(self, episodes=(1, 10**6), **({} if self.seed is None else {"seed": SEEDS}))
-        if self.out:
-            writable_folder("out", self.out)
         if self.report:
             page_with(self.report, self.section)
+
+    def publish(self, text: str) -> None:
+        """Print a text, and put it into the page, under its command."""
+        print(text)
+        publish([self.report] if self.report else [], self.section, text, command_line(f"studies.{self.section}", self))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study(Page, Workers):
+    """The arguments that studies share."""
+
+    episodes: int = 100
+    """Episodes of each policy."""
+    jobs: int = 1
+    """Number of processes."""
+    out: Path | None = None
+    """Folder in which finished episodes are kept for the next time."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        Workers.__post_init__(self)
+        within(self, episodes=(1, 10**6), **({"seed": SEEDS} if hasattr(self, "seed") else {}))
+        if self.out:
+            writable_folder("out", self.out)
+
+    def played(self, groups: dict[Name, list[Task]]) -> dict[Name, list[Episode]]:
+        """The episodes of groups of tasks, kept or played now, as a batch where policy and environment are the same.
+
+        Raises ValueError for an unknown policy or a bad argument of an environment, before any episode.
+        """
+        every = list(dict.fromkeys(task for group in groups.values() for task in group))
+        check(every)
+        found = dict(results(every, Store(self.out, self.workers), BATCH))
+        return {name: [found[task] for task in group] for name, group in groups.items()}
+
+    def in_validation(self, scenario: str, policies: Sequence[str]) -> dict[str, list[Episode]]:
+        """Of each policy the first validation episodes of a scenario."""
+        first, settings = benchmark_seed(scenario, validation=True), settings_of(scenario)
+        return self.played({policy: tasks(policy, settings, first, self.episodes) for policy in policies})
 
 
 def settings_of(scenario: str, arguments: dict[str, Any] | None = None, **fields: Any) -> str:
@@ -58,37 +82,18 @@ def tasks(policy: str, settings: str, seed: int, count: int, *measures: type[Mea
     return [Task(policy, one, settings, measures=measures) for one in range(seed, seed + count)]
 
 
-def played(groups: dict[Name, list[Task]], out: Path | None, workers: int | str = 1) -> dict[Name, list[Episode]]:
-    """The episodes of groups of tasks, kept or played now, as a batch where policy and environment are the same.
-
-    Raises ValueError for an unknown policy or a bad argument of an environment, before any episode.
-    """
-    every = list(dict.fromkeys(task for group in groups.values() for task in group))
-    check(every)
-    found = dict(results(every, Store(out, workers), BATCH))
-    return {name: [found[task] for task in group] for name, group in groups.items()}
+P = TypeVar("P", bound=Page)
 
 
-def mean(values: np.ndarray) -> Estimate:
-    """The mean over episodes without NaN, with the bootstrap's interval, which does not know of rare failures."""
-    known = values[~np.isnan(values)]
-    value = float(known.mean()) if len(known) else np.nan
-    return Estimate(value, *bootstrap_interval(known, lambda drawn: drawn.mean(axis=1)), len(known), "mean")
-
-
-def publish(page: Path | None, name: str, text: str, command: str) -> None:
-    """Print a text, and put it into the section ``name`` of a ``page``, under its command."""
-    print(text)
-    if page:
-        put_section(page, name, f"{provenance(command)}\n\n{text}")
-
-
-def run(main: Callable[[], None]) -> None:
+def run(args: type[P], main: Callable[[P], None], arguments: Sequence[str] | None = None) -> None:
     """Run a study as a command: a mistake is told in a line, with the exit status 2; Ctrl-C is 130."""
+    import tyro
+
+    name = f"python -m studies.{args.section}"
     try:
-        main()
+        main(tyro.cli(args, prog=name, args=arguments))
     except KeyboardInterrupt:
         sys.exit(130)
     except (ValueError, OSError, ImportError) as error:
-        print(f"python -m studies.{Path(sys.argv[0]).stem}: {error}", file=sys.stderr)
+        print(f"{name}: {error}", file=sys.stderr)
         sys.exit(2)

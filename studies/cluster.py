@@ -7,13 +7,13 @@ The simulated cluster runs `activeslam_gym.evaluation.cluster.Schedule`. A core 
 calling process takes one answer after the other: a time for each chunk, and one for each episode in it.
 """
 
-import argparse
 import heapq
 import itertools
 import json
 import pickle
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -26,9 +26,10 @@ import numpy as np
 from activeslam_gym.evaluation import Episode, Store
 from activeslam_gym.evaluation import cluster as engine
 from activeslam_gym.evaluation.store import _made
+from agents.figures import grid_of_panels, save_figure
 from agents.task import Task, play_tasks
 from agents.tools.sections import table
-from studies import publish, run
+from studies import Page, run
 
 DATA = Path(__file__).with_suffix(".json")
 POLICIES = ("sweep", "mi-fisher", "mi-mi", "greedy-plus", "generalist")
@@ -152,12 +153,7 @@ def time_text(seconds: float) -> str:
 
 def draw(data: Mapping[str, Any], path: Path) -> None:
     """Efficiency over cores for each number of episodes, and the distribution of the measured times."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
-
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.2), layout="constrained")
+    figure, ((left, right),) = grid_of_panels(1, 2, (4.5, 3.2))
     cores = [2**k for k in range(1, 13)]
     for count in (10_000, 100_000):
         runs = [simulated(data["times"], data["costs"], count, n) for n in cores]
@@ -168,22 +164,27 @@ def draw(data: Mapping[str, Any], path: Path) -> None:
     right.set(xscale="log", xlabel="time of an episode, s", ylabel="share of episodes")
     for axes in (left, right):
         axes.grid(alpha=0.3)
-    figure.savefig(path, dpi=110)
+    save_figure(figure, path, dpi=110)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+@dataclass(frozen=True, kw_only=True)
+class Args(Page):
+    """What a cluster of N cores needs for a list of episodes."""
+
+    section = "cluster"
+    measure: bool = False
+    """Play the episodes again."""
+
+
+def main(args: Args) -> None:
     """Measure if asked, simulate, print, and draw."""
-    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    made.add_argument("--measure", action="store_true", help="play the episodes again")
-    made.add_argument("--report", type=Path, help="the page whose generated section and figure are made")
-    args = made.parse_args(arguments)
     if args.measure:
         DATA.write_text(json.dumps(measured()) + "\n", encoding="utf-8")
     data = json.loads(DATA.read_text(encoding="utf-8"))
-    publish(args.report, "cluster", table_of(data), "python -m studies.cluster --report docs/cluster.md")
+    args.publish(table_of(data))
     if args.report:
         draw(data, args.report.parent / "images" / "cluster.png")
 
 
 if __name__ == "__main__":
-    run(main)
+    run(Args, main)

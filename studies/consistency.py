@@ -14,17 +14,15 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import tyro
 from scipy.stats import chi2
 
 from activeslam_gym import config
 from activeslam_gym.evaluation import Episode
 from agents.figures import grid_of_panels, legend_below, save_figure
-from agents.tools.arguments import command_line
 from agents.tools.files import write_csv
 from agents.tools.sections import table
-from agents.tools.statistics import TAILS, estimate
-from studies import Study, mean, played, publish, run, settings_of, tasks
+from agents.tools.statistics import TAILS, Aggregate, aggregate, bootstrap_interval
+from studies import Study, run, settings_of, tasks
 from studies.measures import Matches, mean_nees, nees
 
 POLICIES = ("orbit", "mi-mi", "mi-fisher", "joint-mi", "mi-constant", "sweep", "random", "stay")
@@ -46,16 +44,23 @@ def wrong_matches(runs: Sequence[Episode]) -> float:
     return float(wrong / max(sum(run.notes["matches"] for run in runs), 1))
 
 
+def mean(values: np.ndarray) -> Aggregate:
+    """The mean over episodes without NaN, with the bootstrap's interval, which does not know of rare failures."""
+    known = values[~np.isnan(values)]
+    value = float(known.mean()) if len(known) else np.nan
+    return Aggregate(value, *bootstrap_interval(known, lambda drawn: drawn.mean(axis=1)), len(known), "mean")
+
+
 def row_of(policy: str, variant: str, runs: Sequence[Episode]) -> list[str]:
     """A row of the table; a NEES is the mean over the seconds of an episode."""
     cells = [mean(values).text(1.0, 2) for values in mean_nees(runs)]
-    lost = estimate([run.lost for run in runs], "share").text(100.0)
+    lost = aggregate([run.lost for run in runs], "share").text(100.0)
     return [f"`{policy}`", variant, lost, f"{100.0 * wrong_matches(runs):.3f}", *cells]
 
 
 def line_of(policy: str, variant: str, runs: Sequence[Episode]) -> dict[str, Any]:
     """A line of the CSV."""
-    gain = np.array([run.log_score[-1] - run.log_score[0] for run in runs])
+    gain = np.array([run.gain for run in runs])
     at = {time: np.abs(runs[0].times - time).argmin() for time in TIMES if time <= runs[0].times[-1]}
     return {
         **{"policy": policy, "variant": variant, "episodes": len(runs), "lost": sum(run.lost for run in runs)},
@@ -105,13 +110,13 @@ def main(args: Args) -> None:
     settings = {variant: settings_of(args.scenario, **VARIANTS[variant]) for variant in args.variants}
     pairs = product(args.policies, args.variants)
     groups = {pair: tasks(pair[0], settings[pair[1]], args.seed, args.episodes, Matches) for pair in pairs}
-    runs = played(groups, args.out, workers=args.workers)
+    runs = args.played(groups)
     if args.report:
         draw(runs, args.report.parent / "images" / "nees.png")
         write_csv(args.report.with_name("consistency.csv"), [line_of(*key, group) for key, group in runs.items()])
     rows = [row_of(*key, group) for key, group in runs.items()]
-    publish(args.report, args.section, table(HEADER, rows), command_line("studies.consistency", args))
+    args.publish(table(HEADER, rows))
 
 
 if __name__ == "__main__":
-    run(lambda: main(tyro.cli(Args, prog="python -m studies.consistency")))
+    run(Args, main)

@@ -7,15 +7,15 @@ meets no wall, and is flown at half the speed. Its images are of 640 x 480 pixel
 position after the best rotation and shift; NEES are of the pose in the target's frame. Prints a table.
 """
 
-import argparse
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+import tyro
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
@@ -34,7 +34,7 @@ from activeslam_gym.vision.target import Rectangle
 from activeslam_gym.vision.track import follow
 from activeslam_gym.vision.views import projected
 from agents.tools.sections import table
-from studies import run
+from studies import Page, run
 
 SIZE, RATE = (640, 480), 30.0
 _MATRIX = np.array(((400.0, 0.0, 325.0), (0.0, 402.0, 236.0), (0.0, 0.0, 1.0)))
@@ -137,15 +137,25 @@ def flown(cameras: np.ndarray, lens: Lens | None, seed: int, features: int = FEA
     return Flown(bool(lost), error, (position, orientation), spent)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+@dataclass(frozen=True, kw_only=True)
+class Args(Page):
+    """`track` along recorded motions of a hand, through rendered rooms and three kinds of lens."""
+
+    section = "excerpts"
+    paths: tyro.conf.Positional[tuple[Path, ...]]
+    """Files of recorded motions."""
+    seconds: float = 20.0
+    """Duration of an excerpt."""
+    excerpts: int = 6
+    """Most excerpts of each file."""
+    seed: int = config.TRAINING_SEED
+    """Seed of the rooms."""
+    features: int = FEATURES
+    """Features of the map."""
+
+
+def main(args: Args) -> None:
     """Fly, and print the table."""
-    made = argparse.ArgumentParser(prog="python -m studies.excerpts", description=__doc__)
-    made.add_argument("paths", nargs="+", type=Path)
-    made.add_argument("--seconds", type=float, default=20.0)
-    made.add_argument("--excerpts", type=int, default=6, help="of each file at most")
-    made.add_argument("--seed", type=int, default=config.TRAINING_SEED, help="of the rooms")
-    made.add_argument("--features", type=int, default=FEATURES, help="of the map")
-    args = made.parse_args(arguments)
     rows = []
     for name, lens in LENSES.items():
         runs = []
@@ -155,7 +165,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             runs += list(islice(filter(None, tried), args.excerpts))
         print(name, *runs, sep="\n", flush=True)
         if not runs:
-            raise SystemExit("no excerpt is gentle enough and has a room")
+            raise ValueError("paths: no excerpt is gentle enough and has a room; allowed: files with one that has")
         errors = [100.0 * run.error for run in runs if not run.lost] or [np.nan]
         ratios = np.mean([run.nees for run in runs if not run.lost] or [(np.nan, np.nan)], axis=0)
         rows.append([
@@ -163,8 +173,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             *(f"{np.median(errors):.2f}", f"{max(errors):.2f}", ", ".join(f"{value:.2f}" for value in ratios)),
             f"{np.median([run.spent for run in runs]):.1f}",
         ])  # fmt: skip
-    print(f"\n{args.seconds:g} s of each, rooms from {args.seed}\n\n{table(HEADER, rows)}")
+    args.publish(f"{args.seconds:g} s of each, rooms from {args.seed}\n\n{table(HEADER, rows)}")
 
 
 if __name__ == "__main__":
-    run(main)
+    run(Args, main)

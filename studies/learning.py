@@ -11,20 +11,16 @@ import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import tyro
 
 import baselines
-from activeslam_gym.config import benchmark_seed
 from agents.figures import grid_of_panels, legend_below, save_figure
 from agents.learn.recipe import CURVE
-from agents.tools.arguments import command_line
 from agents.tools.files import reading
 from agents.tools.sections import table
-from agents.tools.statistics import Estimate, estimate
-from studies import Study, played, publish, run, settings_of, tasks
+from agents.tools.statistics import Aggregate, aggregate
+from studies import Study, run
 
 HEADER = ("scenario", "learner", "seeds", "decisions to reach the best baseline", "log score at the end", "failures, %")
 Curves = Mapping[str, Mapping[str, list[np.ndarray]]]
@@ -46,7 +42,7 @@ def read_curves(folders: Sequence[Path]) -> Curves:
     return curves
 
 
-def rows_of(curves: Curves, policies: Mapping[str, Mapping[str, Estimate]]) -> list[list[str]]:
+def rows_of(curves: Curves, policies: Mapping[str, Mapping[str, Aggregate]]) -> list[list[str]]:
     """Rows of the table: seeds in the median, and their range."""
     rows = []
     for scenario, learners in curves.items():
@@ -61,7 +57,7 @@ def rows_of(curves: Curves, policies: Mapping[str, Mapping[str, Estimate]]) -> l
     return rows
 
 
-def draw(curves: Curves, policies: Mapping[str, Mapping[str, Estimate]], path: Path) -> None:
+def draw(curves: Curves, policies: Mapping[str, Mapping[str, Aggregate]], path: Path) -> None:
     """A panel for each scenario: the seeds of each learner, and the policies as lines."""
     figure, grid = grid_of_panels(1, len(curves), (6.0, 3.2))
     for axes, (scenario, learners) in zip(grid[0], curves.items()):
@@ -91,15 +87,13 @@ class Args(Study):
 def main(args: Args) -> None:
     """Read the curves, play the policies, print the table and draw the figure."""
     curves = read_curves(args.folders)
-    policies: dict[str, dict[str, Estimate]] = {}
-    for scenario in curves:
-        given: dict[str, Any] = {name: settings_of(scenario) for name in args.policies}
-        seed = benchmark_seed(scenario, validation=True)
-        groups = {name: tasks(name, settings, seed, args.episodes) for name, settings in given.items()}
-        found = played(groups, args.out, workers=args.workers)
-        policies[scenario] = {
-            name: estimate([one.log_score[-1] - one.log_score[0] for one in own], "IQM") for name, own in found.items()
+    policies = {
+        scenario: {
+            name: aggregate([one.gain for one in own], "IQM")
+            for name, own in args.in_validation(scenario, args.policies).items()
         }
+        for scenario in curves
+    }
     place = args.report.parent / "images" if args.report else args.out or Path("results")
     draw(curves, policies, place / "learning.png")
     scores = [
@@ -108,9 +102,8 @@ def main(args: Args) -> None:
         for name, score in own.items()
     ]
     others = table(("scenario", "policy", "log score"), scores)
-    text = f"{table(HEADER, rows_of(curves, policies))}\n\n{others}"
-    publish(args.report, args.section, text, command_line("studies.learning", args))
+    args.publish(f"{table(HEADER, rows_of(curves, policies))}\n\n{others}")
 
 
 if __name__ == "__main__":
-    run(lambda: main(tyro.cli(Args, prog="python -m studies.learning")))
+    run(Args, main)

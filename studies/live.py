@@ -12,16 +12,15 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import tyro
 
 from activeslam_gym.evaluation import Store
 from activeslam_gym.evaluation.store import Arrays
 from activeslam_gym.live.source import FOLLOW, HABITS, NEVER, STILL
 from activeslam_gym.live.trial import Second, trial
-from agents.tools.arguments import command_line, within
+from agents.tools.arguments import within
 from agents.tools.sections import table
 from agents.tools.statistics import Column
-from studies import Study, publish, run
+from studies import Study, run
 
 PERSONS = {FOLLOW: "follows", NEVER: "random", STILL: "stays"}
 COMPARED = ((FOLLOW, ""), (NEVER, ""), (STILL, ""), (FOLLOW, NEVER), (FOLLOW, STILL))  # a person, less another
@@ -110,8 +109,8 @@ def main(args: Args) -> None:
         for one, arrays in finished:
             runs[one.habit][one.seed] = arrays
     text = table(HEADER, [row for time in args.seconds if time <= max(lasts) for row in rows(runs, time)])
-    publish(args.report, args.section, text, command_line("studies.live", args))
+    args.publish(text)
 
 
 if __name__ == "__main__":
-    run(lambda: main(tyro.cli(Args, prog="python -m studies.live")))
+    run(Args, main)

@@ -11,15 +11,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import tyro
 
 from activeslam_gym import Motion
 from activeslam_gym.evaluation import Episode, Measure
 from agents import figures
-from agents.tools.arguments import command_line, positive
+from agents.tools.arguments import positive
 from agents.tools.sections import table
-from agents.tools.statistics import estimate
-from studies import Study, measures, played, publish, run, settings_of, tasks
+from agents.tools.statistics import aggregate
+from studies import Study, measures, run, settings_of, tasks
 from studies.measures import CHANCE, LATERAL, MINUTE, at_target, noted, share, unless_lost
 
 STRATEGIES = {"(i)": "mi-constant", "(ii)": "mi-mi", "(iii)": "mi-fisher"}
@@ -38,7 +37,7 @@ Runs = Mapping[str, Sequence[Episode]]
 
 def row(words: str, measure: str, values: np.ndarray, above: bool, bound: float = 0.0) -> list[str]:
     """A claim: the median over episodes, and whether its whole interval is on the claimed side of the bound."""
-    figure = estimate(values, "median")
+    figure = aggregate(values, "median")
     verdict = "**holds**" if (figure.low > bound) == above else "**does not hold**"
     if figure.episodes < FEWEST or figure.low <= bound <= figure.high:
         verdict = "too few episodes" if figure.episodes < FEWEST else "not significant"
@@ -47,7 +46,7 @@ def row(words: str, measure: str, values: np.ndarray, above: bool, bound: float 
 
 def number(words: str, measure: str, values: np.ndarray, stated: float) -> list[str]:
     """A number that the paper states of one run, and its rank among the episodes, 0 to 1."""
-    figure, lower = estimate(values, "median"), np.count_nonzero(values < stated)
+    figure, lower = aggregate(values, "median"), np.count_nonzero(values < stated)
     rank = f"rank {lower / figure.episodes:.2f}" if figure.episodes else "–"
     return [words.format(f"{stated:g}".replace("-", "−")), measure, figure.text(), str(figure.episodes), rank]
 
@@ -91,6 +90,8 @@ class Args(Study):
     """The claims and figures of the paper in our episodes."""
 
     section = "paper"
+    seed: int = 1_000_000
+    """Seed of the first episode."""
     seconds: float = 167.0
     """Longest duration of an episode in seconds."""
 
@@ -107,10 +108,10 @@ def play(args: Args) -> tuple[Runs, Runs]:
         )
         for name, (policy, scenario, lasts, taken) in CONDITIONS.items()
     }
-    runs = played(groups, args.out, workers=args.workers)
+    runs = args.played(groups)
     drawn = dict.fromkeys(STRATEGIES, measures.middle([runs[name] for name in STRATEGIES]))
     drawn["live"] = measures.middle([runs["live"]])
-    return runs, played({name: [replace(groups[name][k], whole=True)] for name, k in drawn.items()}, args.out)
+    return runs, args.played({name: [replace(groups[name][k], whole=True)] for name, k in drawn.items()})
 
 
 def draw(runs: Runs, drawn: Runs, folder: Path) -> None:
@@ -130,8 +131,8 @@ def main(args: Args) -> None:
     runs, drawn = play(args)
     if args.report:
         draw(runs, drawn, args.report.parent / "images" / "paper")
-    publish(args.report, args.section, table(HEADER, list(claims(runs))), command_line("studies.paper", args))
+    args.publish(table(HEADER, list(claims(runs))))
 
 
 if __name__ == "__main__":
-    run(lambda: main(tyro.cli(Args, prog="python -m studies.paper")))
+    run(Args, main)

@@ -10,19 +10,16 @@ policies play the same episodes.
 
 from contextlib import closing
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-import tyro
 
 from activeslam_gym.config import benchmark_seed, scenario_from
-from agents.tools.arguments import command_line
 from agents.tools.files import write_csv
 from agents.tools.sections import table
-from agents.tools.statistics import estimate
-from studies import Study, played, publish, run, settings_of, tasks
+from agents.tools.statistics import aggregate
+from studies import Study, run
 
 SAMPLES, ELITE, GENERATIONS = 64, 8, 12
 RATE = 0.7  # weight of a generation's elite in the new probabilities
@@ -61,7 +58,7 @@ def play(env: Any, seed: int, actions: np.ndarray) -> np.ndarray:
 class Args(Study):
     """The best of many action sequences in the true room, beside policies in the same episodes."""
 
-    section = "reference"
+    section = "upper_reference"
     scenarios: tuple[str, ...] = ("office", "corner")
     """Scenarios, by their names."""
     policies: tuple[str, ...] = ("generalist", "greedy-plus", "mi-mi", "best-sequence")
@@ -79,22 +76,19 @@ def main(args: Args) -> None:
         given: dict[str, Any] = {"autoreset_mode": "DISABLED", "gaze_period": 1.0, "end_when_lost": False}
         with closing(gym.make_vec("ActiveSLAM-v0", num_envs=SAMPLES, scenario=name, **given)) as env:
             found = [search(env, first + k, decisions) for k in range(args.episodes)]
-        reference = estimate(found, "IQM")
-        groups = {policy: tasks(policy, settings_of(name), first, args.episodes) for policy in args.policies}
-        for policy, episodes in played(groups, args.out, workers=args.workers).items():
-            gains = [one.log_score[-1] - one.log_score[0] for one in episodes]
-            score = estimate(gains, "IQM")
+        reference = aggregate(found, "IQM")
+        for policy, episodes in args.in_validation(name, args.policies).items():
+            score = aggregate([one.gain for one in episodes], "IQM")
             share = f"{score.value / reference.value:.2f}"
             rows.append([f"`{name}`", reference.text(1.0), f"`{policy}`", score.text(1.0), share])
-            pairs = enumerate(zip(found, gains))
             lines += [
-                {"scenario": name, "policy": policy, "episode": first + k, "reference": a, "score": b}
-                for k, (a, b) in pairs
+                {"scenario": name, "policy": policy, "episode": one.seed, "reference": best, "score": one.gain}
+                for best, one in zip(found, episodes)
             ]
     if args.out:
-        write_csv(Path(args.out) / "reference.csv", lines)
-    publish(args.report, args.section, table(HEADER, rows), command_line("studies.upper_reference", args))
+        write_csv(args.out / "reference.csv", lines)
+    args.publish(table(HEADER, rows))
 
 
 if __name__ == "__main__":
-    run(lambda: main(tyro.cli(Args, prog="python -m studies.upper_reference")))
+    run(Args, main)

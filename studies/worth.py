@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import tyro
 
 from activeslam_gym import BEHAVIOUR
 from agents.tools.files import write_csv
@@ -146,4 +145,4 @@ def main(args: Args) -> None:
 
 
 if __name__ == "__main__":
-    run(lambda: main(tyro.cli(Args, prog="python -m studies.worth")))
+    run(Args, main)

@@ -71,7 +71,7 @@ def test_a_checkpoint_of_rllib_plays_the_scenarios_that_it_learned_in(tmp_path: 
         (alone,) = play_tasks([Task(name, 1, settings)])
         _, batched = play_tasks([Task(name, seed, settings) for seed in (0, 1)])
         np.testing.assert_array_equal(alone["actions"], batched["actions"])
-    with pytest.raises(ValueError, match="size: .*allowed"):
+    with pytest.raises(ValueError, match="tokens: .*allowed"):
         play_tasks([Task(name, 1, json.dumps({"duration": 2.0, "scenario": "hall"}))])
 
 

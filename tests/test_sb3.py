@@ -1,4 +1,4 @@
-"""The batch environment behind Stable-Baselines3's interface."""
+"""The batch environment behind Stable-Baselines3's interface, and the log of its episodes."""
 
 from typing import Any
 
@@ -8,13 +8,16 @@ import pytest
 
 pytest.importorskip("stable_baselines3")
 
+from stable_baselines3 import DQN, PPO
+from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.logger import configure
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 import baselines
 from activeslam_gym import observation_layout
-from agents.sb3 import ActiveSLAMVecEnv, ScaledReward, loss_chance
+from agents.sb3 import ActiveSLAMVecEnv, EpisodeLog, ScaledReward, loss_chance
 
 SHORT: dict[str, Any] = {"gaze_period": 0.25, "duration": 3.0, "lost_position_error": 0.04}
 
@@ -111,3 +114,37 @@ def test_monitor_counts_episodes_and_a_baseline_is_scored_by_evaluate_policy(nam
     assert evaluate_policy(baselines.make(name, single), single, 2)[0] > 0.0
     returns, lengths = evaluate_policy(baselines.make(name, env), env, 3, return_episode_rewards=True)
     assert lengths == [4, 4, 4] and np.isfinite(returns).all()
+
+
+class Recorded(EpisodeLog):
+    """Keeps the `info` of each episode that ends."""
+
+    def __init__(self, **arguments: Any) -> None:
+        super().__init__(**arguments)
+        self.infos: list[dict[str, Any]] = []
+
+    def _on_step(self) -> bool:
+        self.infos += [info for info, done in zip(self.locals["infos"], self.locals["dones"]) if done]
+        goes_on = super()._on_step()
+        self.means = dict(self.logger.name_to_value)
+        return goes_on
+
+
+@pytest.mark.parametrize("kind", ["batch", "single"])
+def test_log_score_and_failures_are_those_of_the_episodes_that_ended(kind: str) -> None:
+    short: dict[str, Any] = {"duration": 2.0, "gaze_period": 1.0}
+    if kind == "batch":
+        model: Any = PPO("MlpPolicy", ActiveSLAMVecEnv(4, **short), n_steps=4, batch_size=8, n_epochs=1)
+    else:
+        env = make_vec_env("ActiveSLAMDiscrete-v0", 2, env_kwargs=short)
+        model = DQN("MlpPolicy", env, buffer_size=100, learning_starts=100)
+    model.set_logger(configure(None, []))
+    log = Recorded(window=3)
+    model.learn(16, callback=log)
+    last = log.infos[-3:]
+    assert len(log.infos) == 8
+    assert log.means["rollout/log_score"] == pytest.approx(np.mean([one["log_score"] for one in last]))
+    failures = np.mean([one["lost"] or one["log_score"] < 0.0 for one in last])
+    assert log.means["rollout/failures"] == pytest.approx(failures)
+    with pytest.raises(ValueError, match="window: 0; allowed"):
+        EpisodeLog(window=0)

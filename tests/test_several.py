@@ -19,7 +19,8 @@ pytest.importorskip("stable_baselines3")
 
 import agents  # noqa: E402
 from agents.learn import learner as learners  # noqa: E402
-from agents.learn.policy import Inputs, SetEncoder, common_size  # noqa: E402
+from agents.learn.inputs import Inputs, common_size  # noqa: E402
+from agents.learn.policy import SetEncoder  # noqa: E402
 from agents.learn.recipe import Recipe  # noqa: E402
 from agents.learn.weights import read  # noqa: E402
 from agents.train import Args, train  # noqa: E402

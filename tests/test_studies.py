@@ -16,7 +16,7 @@ from activeslam_gym.information.candidates import motion_plans, score_plans
 from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.metrics import CLOSURE_GAP, LoopClosures
 from agents import task as tasks
-from agents.tools.statistics import estimate
+from agents.tools.statistics import aggregate
 from studies import consistency, learning, measures, paper, upper_reference
 from studies.removals import REMOVALS
 from studies.worth import compared
@@ -182,9 +182,9 @@ def test_learning_curves_are_read_by_seed_and_held_against_the_best_baseline(tmp
         header = "decisions,seconds,scenario,episodes,log_score,failures,policy_entropy"
         (tmp_path / f"ppo-{seed}" / "curve.csv").write_text("\n".join([header, *lines]) + "\n")
     curves = learning.read_curves(sorted(tmp_path.iterdir()))
-    policies = {"office": {"mi-mi": estimate([180.0] * 8, "IQM"), "generalist": estimate([900.0] * 8, "IQM")}}
+    policies = {"office": {"mi-mi": aggregate([180.0] * 8, "IQM"), "generalist": aggregate([900.0] * 8, "IQM")}}
     assert learning.rows_of(curves, policies) == [["`office`", "ppo", "2", "1,000", "250 [200, 300]", "25.0"]]
-    policies["office"]["mi-mi"] = estimate([250.0] * 8, "IQM")
+    policies["office"]["mi-mi"] = aggregate([250.0] * 8, "IQM")
     assert learning.rows_of(curves, policies)[0][3] == "1 of 2 seeds do"
     with pytest.raises(ValueError, match="cannot be read"):
         learning.read_curves([tmp_path / "nothing"])

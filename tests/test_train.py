@@ -55,30 +55,13 @@ def test_weights_are_exported_for_stable_baselines(tmp_path: Path, capsys: Any) 
     assert learner.gamma == read_card(SHIPPED / "ppo.npz")["gamma"]
 
 
-OLDER = {"learning_rate": 1e-3, "reward_scale": 0.05, "reward_clip": 600.0}
-"""Defaults of the command until `BEHAVIOUR` 4; the cards' commands give them."""
-
-
-def test_shipped_weights_were_trained_with_what_there_is_now_or_measured_beside_those_that_were() -> None:
+def test_shipped_weights_are_of_this_behaviour_or_measured_beside_a_new_training_or_say_that_they_are_stale() -> None:
     """Old weights stay where those of a new run are no better in the rooms for validation: docs/policies.md."""
     for name in shipped():
         card = read_card(SHIPPED / f"{name}.npz")
-        measured = card.get("measured_behaviour", card["behaviour"])
-        current = measured == activeslam_gym.BEHAVIOUR
+        current = card.get("measured_behaviour", card["behaviour"]) == activeslam_gym.BEHAVIOUR
         assert current or card.get("stale"), f"{name}: mark it stale, or retrain it: {card['command']}"
-        if not current:  # its recipe may be of another time
-            continue
-        recipe = Recipe.of(card)
-        of_its_own = ["reward", "scenario", "seed", "total_steps", "risk_weight"]
-        if recipe.scenario != "paper":  # where no course is right in every room, a warm start hurts: docs/policies.md
-            of_its_own += ["warm_start", "entropy_bonus"]
-        if recipe.initial:  # one policy for all scenarios
-            of_its_own += ["initial", "num_envs", "width", "learning_rate", "target_kl"]
-        changed = {field: getattr(recipe, field) for field in of_its_own} | (OLDER if card["behaviour"] <= 4 else {})
-        assert recipe == Recipe(**changed), "the command's defaults make other weights"
         assert card["command"].startswith("python -m agents train ")
-        if name == "ppo":
-            assert recipe == Recipe(reward="log_score", **OLDER), "the command makes other weights"
 
 
 @pytest.fixture(scope="module")

@@ -101,9 +101,7 @@ def on_cluster(
     try:
         while True:
             if perf_counter() > asked + PATIENCE:
-                if why := _silent(head):  # a question that waits a minute for its answer ends this process
-                    raise ConnectionError(why)
-                cores, asked = max(1, int(ray.cluster_resources().get("CPU", 1))), perf_counter()
+                cores, asked = _cores(ray, head), perf_counter()
             there = on_node.options(label_selector={NODE_ID: f"!in({','.join(refused)})"} if refused else {})
             while len(pending) < AHEAD * cores and (chosen := schedule.next(cores)):
                 pending[there.remote(*given, ray.cloudpickle.dumps(chosen[1]))] = chosen
@@ -138,6 +136,13 @@ def on_cluster(
         if pending:
             _connection.clear()
             ray.shutdown()  # unfinished episodes are not waited for
+
+
+def _cores(ray: Any, head: str) -> int:
+    """Cores of the cluster. ConnectionError where its head is silent: Ray waits a minute, and then ends this process."""
+    if why := _silent(head):
+        raise ConnectionError(why)
+    return max(1, int(ray.cluster_resources().get("CPU", 1)))
 
 
 def _on_node() -> Callable[..., Any]:

@@ -70,6 +70,11 @@ class Episode:
     events: dict[str, Array] = field(default_factory=dict)  # of `info["events"]`: (K,) how often in each step
     notes: dict[str, Array] = field(default_factory=dict)  # what measures add, by name
 
+    @property
+    def gain(self) -> float:
+        """What the log score gained [bit]."""
+        return float(self.log_score[-1] - self.log_score[0])
+
     def thinned(self, period: float = 1.0) -> Episode:
         """The same with samples every `period` s and at the end; steps and final values stay whole."""
         kept = nearest(self.times, period)
@@ -129,9 +134,9 @@ def outcome(episode: Episode) -> dict[str, Any]:
         "end_time": float(episode.times[-1]),
         "lost": int(episode.lost),
         "bits": 0.0 if episode.lost else float(episode.entropy[0] - episode.entropy[-1]),
-        "log_score_gain": (gain := float(episode.log_score[-1] - episode.log_score[0])),
-        "log_score_under_0": int(gain < 0.0),
-        "log_score_under_minus_1000": int(gain < -1000.0),
+        "log_score_gain": episode.gain,
+        "log_score_under_0": int(episode.gain < 0.0),
+        "log_score_under_minus_1000": int(episode.gain < -1000.0),
         "reward": float(episode.rewards.sum()),
         "landmarks_mapped": int(episode.landmarks_mapped[-1]),
         "distinct_landmarks": int(episode.distinct_landmarks[-1]),

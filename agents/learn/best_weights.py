@@ -68,10 +68,6 @@ class BestWeights(BaseCallback):
         if not self.weights.exists():
             self.keep(math.nan)
 
-    def write(self, line: str) -> None:
-        """Print a line above the bar."""
-        self.bar.write(line)
-
     def seconds(self) -> float:
         """Wall-clock of training, earlier calls included [s]."""
         return time.monotonic() - self.begun

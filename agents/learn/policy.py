@@ -1,8 +1,7 @@
-"""Learned policies: what their network reads, the network, and its use as a policy."""
+"""Learned policies: their network, and its use as a policy."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,68 +13,13 @@ from stable_baselines3.dqn.policies import DQNPolicy
 from stable_baselines3.sac.policies import SACPolicy
 from torch import nn
 
-from activeslam_gym import CONTEXT_FEATURES, Gaze, Motion, ObservationLayout, core_of, observation_layout
+from activeslam_gym import Gaze, Motion, ObservationLayout, core_of, observation_layout
 from activeslam_gym.config import whole_multiple
-from activeslam_gym.motion import COMMANDS, MOTION_COUNT, nearest_gaze, nearest_motion
+from activeslam_gym.motion import COMMANDS, nearest_gaze, nearest_motion
+from agents.learn.inputs import Inputs
 from baselines.policy import Environment
 
-CONTEXT_SIZE = sum(CONTEXT_FEATURES.values())
-_FREE, _EMPTY = -2, -1  # columns that an observation lacks: nothing within reach, and no token
 TOKEN_WIDTH = 64  # most units of the hidden layer of tokens in new networks
-
-
-def common_size(layout: ObservationLayout) -> int:
-    """Numbers before the tokens in the input of a network for several scenarios: all global features, and the context.
-
-    ``layout`` is that of any scenario.
-    """
-    return _general_size(layout) + MOTION_COUNT + CONTEXT_SIZE
-
-
-def _general_size(layout: ObservationLayout) -> int:
-    """Global features that every observation has: all but the range finders."""
-    sensed = layout.global_slices.get("clearance", slice(0, 0))
-    return layout.tokens.start - (sensed.stop - sensed.start)
-
-
-class Inputs:
-    """From observations to the inputs of a network whose weights read ``known`` numbers before the tokens.
-
-    With `common_size` of them the context stands behind the global features. Where there are bodies, range finders
-    stand behind the other global features: weights of a room without them read on without, and to weights of a room
-    with them all is free where there are none.
-
-    Args:
-        layout: The observation's.
-        known: Numbers before the tokens that the weights know; the observation's own if not given.
-        tokens: Tokens of the input, of which those that the observation lacks are empty; its own if not given.
-    """
-
-    def __init__(self, layout: ObservationLayout, known: int | None = None, tokens: int | None = None) -> None:
-        start, general = layout.tokens.start, _general_size(layout)
-        own = start - general
-        self.contextual = known == common_size(layout)
-        width = known - CONTEXT_SIZE * self.contextual if known is not None else start
-        if width not in (general, general + MOTION_COUNT):
-            width, self.contextual = start, False  # weights of another observation, which will say so
-        finders = [np.arange(general, general + own), np.full(MOTION_COUNT - own, _FREE)] if width > general else []
-        context = [layout.size + np.arange(CONTEXT_SIZE)] if self.contextual else []
-        globals_ = np.concatenate([np.arange(general), *finders, *context])
-        count, size = layout.token_shape
-        more = (count if tokens is None else tokens) - count
-        self._columns = np.concatenate([globals_, np.arange(start, layout.size), np.full(more * size, _EMPTY)])
-        self.layout = replace(
-            layout,
-            tokens=slice(len(globals_), len(self._columns)),
-            token_shape=(count + more, size),
-            size=len(self._columns),
-        )
-
-    def __call__(self, observations: np.ndarray, context: np.ndarray) -> np.ndarray:
-        """(B, D) and, where it is read, the context (B, `CONTEXT_SIZE`) -> (B, ``layout.size``) float32."""
-        known = [observations, context] if self.contextual else [observations]
-        filling = np.tile(np.array([1.0, 0.0], np.float32), (len(observations), 1))
-        return np.concatenate([*known, filling], axis=1)[:, self._columns]
 
 
 class SetEncoder(BaseFeaturesExtractor):
@@ -161,8 +105,8 @@ class LearnedPolicy:
         step = np.round(np.atleast_1d(self._env.time) / self._env.gaze_period).astype(int)
         due = np.full(len(observations), True) if state is None else np.broadcast_to(step % self._hold == 0, len(state))
         if due.any():
-            context = np.atleast_2d(self._env.context) if self._inputs.contextual else observations
-            decided = self._decide(self._inputs(observations[due], context[due]), deterministic)
+            context = np.atleast_2d(self._env.context)[due] if self._inputs.contextual else None
+            decided = self._decide(self._inputs(observations[due], context), deterministic)
             state = np.zeros((len(observations), decided.shape[1]), decided.dtype) if state is None else state.copy()
             state[due] = decided
         actions = state

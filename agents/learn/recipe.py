@@ -82,17 +82,14 @@ class Recipe:
 
     def check(self) -> None:
         """Raises ValueError for a bad argument; the message names it, its value and what is allowed."""
-        positive(self, "num_envs", "width", "decision_period", "gamma")
-        positive(self, *(["duration"] if self.duration is not None else []))
+        positive(self, "decision_period", "gamma", *(["duration"] if self.duration is not None else []))
+        positive(self, "learning_rate", "reward_scale", "reward_clip", "forfeit_weight", "target_kl")
+        within(self, gamma=(0.0, 1.0), learning_rate=(0.0, 1.0), entropy_bonus=(0.0, 1e3), seed=(0, 2**31 - 1))
+        within(self, warm_start=(0.0, 0.99), risk_weight=(0.0, 1e6), total_steps=(1, 2**40), epochs=(1, 1000))
+        within(self, num_envs=(1, 2**16), width=(1, 2**13))
         for scenario in map(scenario_of, self.scenarios):
             whole_multiple("decision_period", self.decision_period, "the frame", scenario.frame_time)
             whole_multiple("duration", self.duration or scenario.duration, "decision_period", self.decision_period)
-        within(self, warm_start=(0.0, 0.99))
-        positive(self, "learning_rate", "reward_scale", "reward_clip", "forfeit_weight", "target_kl")
-        within(self, risk_weight=(0.0, 1e6))
-        within(self, gamma=(0.0, 1.0), learning_rate=(0.0, 1.0), entropy_bonus=(0.0, 1e3), seed=(0, 2**31 - 1))
-        within(self, total_steps=(1, 2**40), epochs=(1, 1000))
-        within(self, num_envs=(1, 2**16), width=(1, 2**13))
         if self.algorithm == "ppo" and self.steps_per_episode * self.num_envs == 1:
             raise ValueError(f"num_envs: {self.num_envs} with one decision an episode; allowed: 2 or more of them")
         if self.initial and self.algorithm in ("dqn", "sac"):

@@ -6,7 +6,7 @@ with a stratified bootstrap, and the probability of improvement. Failures come f
 mean does not see them.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from agents.suite.enter import Entry
 from agents.suite.manifest import Suite, suite
 from agents.tools.arguments import Pages, command_line
 from agents.tools.sections import Table, publish, put_section
-from agents.tools.statistics import FEWEST, RESAMPLES, TAILS, Estimate, estimate, interquartile_mean
+from agents.tools.statistics import FEWEST, RESAMPLES, TAILS, Aggregate, aggregate, interquartile_mean
 
 Array = NDArray[np.float64]
 SECTION, SHORT = "leaderboard", "board"  # sections of pages: all tables, and a few rows and columns of the first
@@ -81,38 +81,39 @@ def shortened(whole: Table, of: Suite, found: Sequence[Entry]) -> Table:
 
 
 def board(of: Suite, found: Sequence[Entry]) -> list[Table]:
-    """The table of all scenarios, the best entry first, and the table of each scenario."""
+    """The table of all scenarios, the best entry first, and tables with a column for each scenario."""
     _check(of, found)
     best = {one: best_open_loop(of, found, one) for one in of.scenarios}
-    means = {entry.name: aggregate(_normalised(entry, best)) for entry in found}
-    order = sorted(found, key=lambda entry: -means[entry.name].value)
+    units = np.array([interquartile_mean(loop.gains(one).ravel()) for one, loop in best.items()])
+    normalised = {one.name: bootstrapped(all_gains(one) / units[:, None, None], interquartile_mean) for one in found}
+    order = sorted(found, key=lambda entry: -normalised[entry.name].value)
+    ahead = {entry.name: leads(entry, best) for entry in order}
     whole = [
         [
             entry.name,
             failures(entry).text(100.0),
-            means[entry.name].text(digits=2),
-            improvement(entry, best).text(100.0, 0),
+            normalised[entry.name].text(digits=2),
+            bootstrapped(0.5 * (1.0 + np.sign(ahead[entry.name])), mean).text(100.0, 0),  # ties are halves
             _training(entry, of),
             entry.note,
         ]
         for entry in order
     ]
-    each = [
-        [entry.name, *(aggregate(entry.gains(one)[None]).text(digits=0) for one in of.scenarios)] for entry in order
-    ]
-    ahead = [[entry.name, *(aggregate(one[None]).text(digits=0) for one in leads(entry, best))] for entry in order]
-    failed = [[entry.name, *(f"{100.0 * entry.failed(one).mean():.1f}" for one in of.scenarios)] for entry in order]
+
+    def in_each(title: str, cells: Callable[[Entry], Iterable[str]]) -> Table:
+        return Table(title, ["entry", *of.scenarios], [[entry.name, *cells(entry)] for entry in order])
+
+    def iqms(scores: Array) -> list[str]:
+        return [bootstrapped(one[None], interquartile_mean).text(digits=0) for one in scores]
+
     header = ["entry", "failures, %", "normalised score (IQM)", "probability to gain more, %", "training", "note"]
+    lead = "Lead over the best open-loop entry in the same episode, bits (IQM)"
     return [
         Table(f"All scenarios: {of.label}, {found[0].episodes} episodes each", header, whole),
-        Table("Log score gained, bits (IQM)", ["entry", *of.scenarios], each),
-        Table("Lead over the best open-loop entry in the same episode, bits (IQM)", ["entry", *of.scenarios], ahead),
-        Table("Failures, %", ["entry", *of.scenarios], failed),
-        Table(
-            "The best open-loop entry",
-            ["scenario", "entry"],
-            [[scenario, entry.name] for scenario, entry in best.items()],
-        ),
+        in_each("Log score gained, bits (IQM)", lambda entry: iqms(all_gains(entry))),
+        in_each(lead, lambda entry: iqms(ahead[entry.name])),
+        in_each("Failures, %", lambda entry: (f"{100.0 * entry.failed(one).mean():.1f}" for one in of.scenarios)),
+        Table("The best open-loop entry", ["scenario", "entry"], [[one, loop.name] for one, loop in best.items()]),
     ]
 
 
@@ -122,18 +123,22 @@ def best_open_loop(of: Suite, found: Sequence[Entry], scenario: str) -> Entry:
     Raises:
         ValueError: there is no such entry, or the best gains nothing, so that no score can be normalised by it.
     """
+
+    def gained(entry: Entry) -> float:
+        return float(interquartile_mean(entry.gains(scenario).ravel()))
+
     loops = [entry for entry in found if set(entry.policies) <= set(of.open_loops)]
     if not loops:
         raise ValueError(f"entries: none of an open loop; allowed: at least one of {', '.join(of.open_loops)}")
-    best = max(loops, key=lambda entry: float(_iqm(entry.gains(scenario))))
-    if _iqm(best.gains(scenario)) <= 0.0:
+    best = max(loops, key=gained)
+    if gained(best) <= 0.0:
         raise ValueError(f"entries: no open-loop entry gains anything in {scenario!r}")
     return best
 
 
-def aggregate(scores: Array) -> Estimate:
-    """The interquartile mean of ``scores`` (S, P, E) of scenarios, training seeds and episodes, with its interval."""
-    return _bootstrapped(scores, interquartile_mean)
+def all_gains(entry: Entry) -> Array:
+    """(S, P, E): the scores [bit] of scenarios, training seeds and episodes."""
+    return np.stack([entry.gains(one) for one in entry.scores])
 
 
 def leads(entry: Entry, best: Mapping[str, Entry]) -> Array:
@@ -141,12 +146,7 @@ def leads(entry: Entry, best: Mapping[str, Entry]) -> Array:
     return np.stack([entry.gains(one) - loop.gains(one).mean(axis=0) for one, loop in best.items()])
 
 
-def improvement(entry: Entry, best: Mapping[str, Entry]) -> Estimate:
-    """The probability to gain more than the ``best`` open-loop entry in the same episode; ties are halves."""
-    return _bootstrapped(0.5 * (1.0 + np.sign(leads(entry, best))), _mean)
-
-
-def failures(entry: Entry) -> Estimate:
+def failures(entry: Entry) -> Aggregate:
     """The share of all episodes that failed.
 
     Training seeds that play the same episodes are not independent. So the interval is the wider of the bootstrap's,
@@ -154,13 +154,13 @@ def failures(entry: Entry) -> Estimate:
     """
     failed = np.stack([entry.failed(one) for one in entry.scores]).astype(float)
     count = failed[:, 0].size
-    exact = estimate(np.arange(count) < round(count * failed.mean()), "share")
-    drawn = _bootstrapped(failed, _mean)
+    exact = aggregate(np.arange(count) < round(count * failed.mean()), "share")
+    drawn = bootstrapped(failed, mean)
     low, high = np.fmin(exact.low, drawn.low), np.fmax(exact.high, drawn.high)
-    return Estimate(float(failed.mean()), float(low), float(high), failed.size, "share")
+    return Aggregate(float(failed.mean()), float(low), float(high), failed.size, "share")
 
 
-def _bootstrapped(scores: Array, figure: Callable[[Array], Array]) -> Estimate:
+def bootstrapped(scores: Array, figure: Callable[[Array], Array]) -> Aggregate:
     """A figure, (..., scores) -> (...), of ``scores`` (S, P, E); its interval is NaN for fewer than `FEWEST` episodes.
 
     A training seed is resampled with all its scenarios, since the same weights play them; episodes in each scenario.
@@ -174,19 +174,12 @@ def _bootstrapped(scores: Array, figure: Callable[[Array], Array]) -> Estimate:
     low, high = np.nan, np.nan
     if E >= FEWEST:
         low, high = np.quantile(figure(np.stack([resampled() for _ in range(RESAMPLES)])), TAILS)
-    return Estimate(float(figure(scores.ravel())), float(low), float(high), scores.size, "mean")
+    return Aggregate(float(figure(scores.ravel())), float(low), float(high), scores.size, "mean")
 
 
-def _normalised(entry: Entry, best: Mapping[str, Entry]) -> Array:
-    return np.stack([entry.gains(one) / _iqm(loop.gains(one)) for one, loop in best.items()])
-
-
-def _mean(scores: Array) -> Array:
+def mean(scores: Array) -> Array:
+    """(..., scores) -> (...)."""
     return np.asarray(scores.mean(axis=-1))
-
-
-def _iqm(values: Array) -> float:
-    return float(interquartile_mean(values.ravel()))
 
 
 def _training(entry: Entry, of: Suite) -> str:

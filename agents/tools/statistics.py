@@ -1,4 +1,4 @@
-"""Estimates over episodes with their intervals. scipy.stats is imported where it is used, since it is slow to load.
+"""Aggregates over episodes with their intervals. scipy.stats is imported where it is used, since it is slow to load.
 
 A median and a share have intervals by the binomial distribution, which hold for every distribution of the values. An
 interquartile mean has one by the bootstrap, since it leaves out the tails. A mean has none: a sample without the rare
@@ -31,7 +31,7 @@ Statistic = Literal["median", "IQM", "share", "mean"]
 
 
 @dataclass(frozen=True)
-class Estimate:
+class Aggregate:
     """A figure over episodes and its interval, which is NaN for a statistic without one and for too few episodes."""
 
     value: float
@@ -66,11 +66,11 @@ class Column:
         """The key of the value in a row."""
         return self.key.removesuffix("_median")
 
-    def of(self, rows: Iterable[Mapping[str, Any]]) -> Estimate:
+    def of(self, rows: Iterable[Mapping[str, Any]]) -> Aggregate:
         """The figure over rows, one an episode."""
-        return estimate([row[self.source] for row in rows], self.statistic)
+        return aggregate([row[self.source] for row in rows], self.statistic)
 
-    def text(self, figure: Estimate) -> str:
+    def text(self, figure: Aggregate) -> str:
         """The figure in the title's unit."""
         return figure.text(self.scale, self.digits)
 
@@ -80,14 +80,14 @@ class Column:
         return self.title if self.statistic == "share" else f"{self.title} ({self.statistic})"
 
 
-def estimate(values: ArrayLike, statistic: Statistic) -> Estimate:
+def aggregate(values: ArrayLike, statistic: Statistic) -> Aggregate:
     """A statistic of `values` (one an episode) with its 95 % interval, if it has one; NaN are left out."""
     from scipy.stats import binomtest, quantile_test
 
     every: Array = np.asarray(values, dtype=float)
     episodes = every[~np.isnan(every)]
     if not len(episodes):
-        return Estimate(np.nan, np.nan, np.nan, 0, statistic)
+        return Aggregate(np.nan, np.nan, np.nan, 0, statistic)
     value: Any = np.mean(episodes)
     low, high = np.nan, np.nan
     if statistic == "share":
@@ -96,7 +96,7 @@ def estimate(values: ArrayLike, statistic: Statistic) -> Estimate:
         value, (low, high) = np.median(episodes), quantile_test(episodes, p=0.5).confidence_interval(CONFIDENCE)
     elif statistic == "IQM":
         value, (low, high) = interquartile_mean(episodes), bootstrap_interval(episodes, interquartile_mean)
-    return Estimate(float(value), float(low), float(high), len(episodes), statistic)
+    return Aggregate(float(value), float(low), float(high), len(episodes), statistic)
 
 
 def paired_rmse(errors: ArrayLike, others: ArrayLike) -> tuple[float, float]:

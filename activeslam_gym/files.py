@@ -23,17 +23,6 @@ def written_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
         unfinished.unlink(missing_ok=True)
 
 
-def remove_unfinished(folder: Path) -> None:
-    """Remove what `written_whole` left in a folder for processes that were killed."""
-    for path in folder.glob(".[0-9]*.*") if os.name != "nt" else ():  # where signal 0 ends a process
-        try:
-            os.kill(int(path.name.split(".")[1]), 0)
-        except ProcessLookupError:
-            path.unlink(missing_ok=True)
-        except (ValueError, OverflowError, PermissionError):  # another kind of file; a process of another user
-            pass
-
-
 @contextmanager
 def argument(name: str, wrong: type[ValueError] = ValueError) -> Iterator[None]:
     """What is ``wrong``, or a file that cannot be used, in this block is reported as the argument ``name``'s.

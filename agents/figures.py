@@ -13,6 +13,7 @@ import numpy as np
 
 from activeslam_gym import Gaze, Motion
 from activeslam_gym.evaluation import Episode, gaze_counts, motion_counts
+from activeslam_gym.evaluation.episode import nearest
 from activeslam_gym.files import written_whole
 from activeslam_gym.rendering.scene import FIDUCIAL, ellipses
 from agents.summary import grouped
@@ -146,9 +147,9 @@ def live(drawn: Episode, runs: Sequence[Episode], until: float) -> Figure:
 
 def over_rooms(runs: Sequence[Episode], field: str) -> Curves:
     """A sampled field of the runs at whole seconds of the longest; NaN after a run's end."""
-    thin = [run.thinned() for run in runs]
-    times = max((run.times for run in thin), key=len)
-    return times, np.array([np.interp(times, run.times, getattr(run, field), right=np.nan) for run in thin])
+    longest = max((run.times for run in runs), key=lambda times: times[-1])
+    times = longest[nearest(longest, 1.0)]
+    return times, np.array([np.interp(times, run.times, getattr(run, field), right=np.nan) for run in runs])
 
 
 def quaternion_error(rotation_offset: np.ndarray) -> np.ndarray:

@@ -97,12 +97,12 @@ def play_tasks(tasks: Sequence[Task]) -> list[Arrays]:
     first, measures = tasks[0], [[make() for make in task.measures] for task in tasks]
     env = make_environment(json.loads(first.settings), len(tasks), policies.actions_of(first.policy))
     observers = [[one.observe for one in of_task] for of_task in measures]
-    period = 0.0 if first.whole or any(one.whole for one in first.measures) else SAMPLE_PERIOD
+    period = 0.0 if first.whole else SAMPLE_PERIOD
     episodes = run_policy(first.policy, env, [task.seed for task in tasks], first.settings, observers, period)
     for episode, of_task in zip(episodes, measures):
         for one in of_task:
             episode.notes.update(one.result(episode))
-    return [(one if first.whole else one.thinned(SAMPLE_PERIOD)).arrays() for one in episodes]
+    return [one.arrays() for one in episodes]
 
 
 def file_name(policy: str) -> str:

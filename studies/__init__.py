@@ -31,10 +31,15 @@ class Page:
         if self.report:
             page_with(self.report, self.section)
 
+    @classmethod
+    def command(cls) -> str:
+        """The module to run."""
+        return f"studies.{cls.section}"
+
     def publish(self, text: str) -> None:
         """Print a text, and put it into the page, under its command."""
         print(text)
-        publish([self.report] if self.report else [], self.section, text, command_line(f"studies.{self.section}", self))
+        publish([self.report] if self.report else [], self.section, text, command_line(self.command(), self))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +54,7 @@ class Study(Page, Workers):
     """Folder in which finished episodes are kept for the next time."""
 
     def __post_init__(self) -> None:
-        super().__post_init__()
+        Page.__post_init__(self)
         Workers.__post_init__(self)
         within(self, episodes=(1, 10**6), **({"seed": SEEDS} if hasattr(self, "seed") else {}))
         if self.out:
@@ -86,10 +91,10 @@ P = TypeVar("P", bound=Page)
 
 
 def run(args: type[P], main: Callable[[P], None], arguments: Sequence[str] | None = None) -> None:
-    """Run a study as a command: a mistake is told in a line, with the exit status 2; Ctrl-C is 130."""
+    """Read the command line and run a study; a mistake is told in a line, with the exit status 2; Ctrl-C is 130."""
     import tyro
 
-    name = f"python -m studies.{args.section}"
+    name = f"python -m {args.command()}"
     try:
         main(tyro.cli(args, prog=name, args=arguments))
     except KeyboardInterrupt:

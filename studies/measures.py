@@ -17,7 +17,7 @@ MINUTE = 60.0  # the time of the paper's figure 5 b [s]
 class Matches:
     """A measure: ``matches`` of the episode, counted in the last frame of each step for every frame of it."""
 
-    whole, matches = False, 0
+    matches = 0
 
     def observe(self, core: Any, info: dict[str, Any]) -> None:
         """Count the matches of a step."""
@@ -35,13 +35,14 @@ class Loops:
     The drop is the change of the camera's log2 |P| in the second from a closure on, less that in the second before.
     """
 
-    whole = True
-
     def __init__(self) -> None:
         self._loops, self._closed, self._fiducials = LoopClosures(), [0], [0]
+        self._times, self._log2_det = list[float](), list[float]()
 
     def observe(self, core: Any, info: dict[str, Any]) -> None:
         """Count the closures and the fiducials of a step."""
+        self._times.append(core.time)
+        self._log2_det.append(info["log2_det"]["camera"])
         if core.time > 0.0:
             ids = matched_ids(core)
             self._closed.append(self._loops.count(ids, core.time))
@@ -49,22 +50,20 @@ class Loops:
 
     def result(self, episode: Episode) -> dict[str, Any]:
         """The three numbers; without a closure its time is that of the end, and the drop NaN."""
-        det, closed = episode.log2_det_camera, np.flatnonzero(self._closed)
-        second = round(1.0 / float(np.median(np.diff(episode.times))))
+        det, closed = np.array(self._log2_det), np.flatnonzero(self._closed)
+        second = round(1.0 / float(np.median(np.diff(self._times))))
         alone = (np.diff(closed, prepend=0) > second) & (closed + second <= len(det))
         before = closed[alone] - 1
         change = det[before + second] - 2.0 * det[before] + det[before - second]
         return {
             "fiducials": float(np.mean(self._fiducials[1:])),
-            "closure": float(episode.times[closed[0] if len(closed) else -1]),
+            "closure": float(self._times[closed[0] if len(closed) else -1]),
             "drop": float(change.mean()) if len(change) else np.nan,
         }
 
 
 class WithoutExpected:
     """Moves the expected landmarks to where no camera sees them, so that no score counts them; no result."""
-
-    whole = False
 
     def observe(self, core: Any, info: dict[str, Any]) -> None:
         """Move them after the reset."""

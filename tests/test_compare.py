@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,6 @@ from scipy.spatial.transform import Rotation
 
 import baselines
 from activeslam_gym.evaluation import Episode, Store, outcome, run_episode
-from activeslam_gym.evaluation.episode import SAMPLED
 from activeslam_gym.evaluation.play import _rotation_offset
 from activeslam_gym.files import written_whole
 from agents import policies
@@ -33,6 +32,9 @@ from tests.support import assert_same_record
 
 ROOT = Path(__file__).parents[1]
 DURATION = 3.0
+NAMES = [field.name for field in fields(Episode)]
+SAMPLED = NAMES[NAMES.index("times") : NAMES.index("actions")]
+"""Fields of an episode with one entry for each time."""
 FIGURES = {"scores.png", "entropies.png", "errors.png", "maps.png"}
 
 
@@ -55,7 +57,7 @@ def episode(policy: str = "stay", seed: int = 0, bits: float = 10.0, **changes: 
     return Episode(**(values | changes))
 
 
-def test_episode_comes_back_from_its_file_and_thinned(tmp_path: Path) -> None:
+def test_episode_comes_back_from_its_file(tmp_path: Path) -> None:
     written = episode("own:mine", lost=True)
     written = replace(written, events={"initialised": np.arange(4)}, notes={"depth_errors": np.ones(2)})
     Store(tmp_path).save("a", {}, written.arrays())
@@ -64,11 +66,6 @@ def test_episode_comes_back_from_its_file_and_thinned(tmp_path: Path) -> None:
     read = Episode.of(arrays)
     assert (read.policy, read.seed, read.lost) == ("own:mine", 0, True)
     assert_same_record(read.arrays(), written.arrays())
-    whole = episode()
-    cut = replace(whole, lost=True, **{name: getattr(whole, name)[:4] for name in SAMPLED})
-    assert whole.thinned().times.tolist() == [0.0, 1.0, 2.0]
-    assert cut.thinned().times.tolist() == [0.0, 1.0, 1.5]
-    assert outcome(whole.thinned()) == outcome(whole)
 
 
 def test_outcome_of_a_known_episode() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from activeslam_gym.evaluation import Episode, Store, code
+from activeslam_gym.evaluation import Episode, Store, code, outcome
 from agents.task import Task, make_environment, play_tasks, run_policy
 from tests.support import assert_same_record
 
@@ -15,9 +15,7 @@ SHORT = json.dumps({"gaze_period": 0.5, "duration": 3.0})
 
 
 class Counted:
-    """A measure: how often it was asked to look, and how many samples there were."""
-
-    whole = True
+    """A measure: how often it was asked to look."""
 
     def __init__(self) -> None:
         self.looks = 0
@@ -26,7 +24,7 @@ class Counted:
         self.looks += 1
 
     def result(self, episode: Episode) -> dict[str, Any]:
-        return {"looks": self.looks, "samples": len(episode.times)}
+        return {"looks": self.looks}
 
 
 NUMPY = {"estimator": "examples.extend_estimator:NumpyEkf", "association": "known"}
@@ -47,14 +45,18 @@ def test_a_batch_plays_the_episodes_of_single_environments(case: str) -> None:
     together, alone = play_tasks(group), [play_tasks([one])[0] for one in group]
     for one, other in zip(together, alone, strict=True):
         assert_same_record(one, other)
-    assert together[0]["notes.looks"] == 7 == together[0]["notes.samples"]
+    assert together[0]["notes.looks"] == 7
     assert len(together[0]["times"]) == 4  # kept: one a second
 
 
-def test_sampling_while_it_is_played_is_thinning_afterwards() -> None:
+def test_samples_of_a_period_are_the_nearest_of_all_and_the_last() -> None:
     settings = {"scenario": "hand-held", "gaze_period": 0.4, "duration": 4.4, "motion_period": 1.2}
     every, sparse = (run_policy("stay", make_environment(settings), [5], period=period)[0] for period in (0.0, 1.0))
-    assert_same_record(sparse.arrays(), every.thinned(1.0).arrays())
+    np.testing.assert_allclose(sparse.times, [0.0, 0.8, 2.0, 2.8, 4.0, 4.4])
+    assert outcome(sparse) | {"decision_us": 0} == outcome(every) | {"decision_us": 0}
+    kept = np.isin(every.times, sparse.times)
+    for name in ("entropy", "log_score", "landmark_nees", "rotation_offset"):
+        np.testing.assert_array_equal(getattr(sparse, name), getattr(every, name)[kept])
 
 
 def test_a_key_holds_everything_that_could_change_the_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -123,11 +123,11 @@ def test_the_drop_at_a_closure_is_against_the_second_before() -> None:
     assert 0.0 < loops.result(run)["fiducials"] <= env.unwrapped.scenario.fiducial_count
     steps, closed = len(run.actions), 40
     slopes = np.where(np.arange(steps) < closed, -1.0, -3.0)  # bits a step, before and from the closure on
-    falling = replace(run, log2_det_camera=np.concatenate(([0.0], np.cumsum(slopes))))
+    loops._log2_det = [0.0, *np.cumsum(slopes)]
     loops._closed = [0] * (steps + 1)
-    assert np.isnan(loops.result(falling)["drop"]) and loops.result(falling)["closure"] == run.times[-1]
+    assert np.isnan(loops.result(run)["drop"]) and loops.result(run)["closure"] == run.times[-1]
     loops._closed[closed + 1] = loops._closed[closed + 6] = 1  # after the step; the second is the same event
-    found = loops.result(falling)
+    found = loops.result(run)
     assert found["drop"] == -60.0 + 20.0 and found["closure"] == pytest.approx((closed + 1) * 0.05)
     counted = LoopClosures()
     assert [counted.count([-1], time) for time in (0.0, 0.1, CLOSURE_GAP + 0.1)] == [0, 0, 1]

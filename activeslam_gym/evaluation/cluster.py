@@ -139,7 +139,7 @@ def on_cluster(
 
 
 def _cores(ray: Any, head: str) -> int:
-    """Cores of the cluster. ConnectionError where its head is silent: Ray waits a minute, and then ends this process."""
+    """Cores of the cluster. ConnectionError where its head is silent: Ray would wait a minute, and end this process."""
     if why := _silent(head):
         raise ConnectionError(why)
     return max(1, int(ray.cluster_resources().get("CPU", 1)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -75,11 +75,6 @@ class Episode:
         """What the log score gained [bit]."""
         return float(self.log_score[-1] - self.log_score[0])
 
-    def thinned(self, period: float = 1.0) -> Episode:
-        """The same with samples every `period` s and at the end; steps and final values stay whole."""
-        kept = nearest(self.times, period)
-        return replace(self, **{name: getattr(self, name)[kept] for name in SAMPLED})
-
     def arrays(self) -> dict[str, Array]:
         """All of it as arrays, for a store: `events` and `notes` by names with a point."""
         values = {one.name: getattr(self, one.name) for one in fields(self)}
@@ -106,8 +101,6 @@ class Episode:
         return cls(**values)
 
 
-_NAMES = [f.name for f in fields(Episode)]
-SAMPLED = tuple(_NAMES[_NAMES.index("times") : _NAMES.index("actions")])  # the fields with one entry for each time
 NESTED = ("events", "notes")  # the fields that are dicts of arrays
 
 

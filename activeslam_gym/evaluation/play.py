@@ -21,14 +21,11 @@ Observer = Callable[[Any, dict[str, Any]], None]
 class Measure(Protocol):
     """Looks at one episode, and then adds to its record what the record does not have: `Episode.notes`."""
 
-    whole: bool
-    """Whether `result` needs every sample of the episode."""
-
     def observe(self, core: Any, info: dict[str, Any]) -> None:
         """See `Observer`."""
 
     def result(self, episode: Episode) -> dict[str, Any]:
-        """Numbers and arrays by name, for the whole ``episode``."""
+        """Numbers and arrays by name, of an ``episode`` that is over."""
 
 
 class Predictor(Protocol):

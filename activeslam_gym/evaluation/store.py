@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from activeslam_gym.evaluation.cluster import R, T, on_cluster, start_worker
 from activeslam_gym.evaluation.code import LIBRARIES, foreign_modules, package_sources, package_versions
-from activeslam_gym.files import remove_unfinished, written_whole
+from activeslam_gym.files import written_whole
 
 Arrays = dict[str, NDArray[Any]]
 Key = dict[str, Any]
@@ -100,8 +100,6 @@ class Store:
         generator (or exhaust it) to end them. Raises as `run_all`, after all others, where some jobs fail.
         """
         missing = []
-        if self.folder:
-            remove_unfinished(self.folder)
         for job in jobs:
             arrays = None if job in anew else self.load(job.label, job.key)
             if arrays is None:

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from activeslam_gym.files import demand_writable, remove_unfinished, written_whole
+from activeslam_gym.files import demand_writable, written_whole
 
 
 def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:
@@ -68,7 +68,6 @@ def alone_in(folder: Path) -> Iterator[None]:
     held = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        remove_unfinished(folder)
         yield
     except BlockingIOError as error:
         raise ValueError(f"out: another process writes into {str(folder)!r}; allowed: another folder") from error

@@ -9,7 +9,6 @@ from typing import Any, Literal
 import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
-from scipy.stats import chi2
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
@@ -129,15 +128,12 @@ class ScaledReward(VecEnvWrapper):
     """Rewards within ± ``clip``, times a constant ``scale``: no running normalisation, whose scale would drift.
 
     The failure penalty (`info["reward_terms"]["lost_penalty"]`) is not clipped; it counts ``penalty_weight``
-    times. A loss is rare, and few episodes have one to learn from. The belief gives its probability in every step: the
-    chance that the run is lost now (`loss_chance`) costs ``risk_weight``.
+    times.
     """
 
-    def __init__(
-        self, venv: VecEnv, scale: float, clip: float = np.inf, penalty_weight: float = 1.0, risk_weight: float = 0.0
-    ) -> None:
+    def __init__(self, venv: VecEnv, scale: float, clip: float = np.inf, penalty_weight: float = 1.0) -> None:
         super().__init__(venv)
-        self.scale, self.clip, self.penalty_weight, self.risk_weight = scale, clip, penalty_weight, risk_weight
+        self.scale, self.clip, self.penalty_weight = scale, clip, penalty_weight
 
     def reset(self) -> np.ndarray:
         """As the wrapped environment."""
@@ -150,23 +146,7 @@ class ScaledReward(VecEnvWrapper):
         for i in np.flatnonzero(dones).tolist():
             lost_penalties[i] = infos[i]["reward_terms"]["lost_penalty"]
         gains = np.clip(rewards - lost_penalties, -self.clip, self.clip) + self.penalty_weight * lost_penalties
-        if self.risk_weight:
-            env = self.unwrapped
-            covariances = np.stack([belief.covariance[:3, :3] for belief in env.belief])
-            risks = loss_chance(covariances, env.lost_position_error).astype(np.float32)
-            gains -= self.risk_weight * np.where(dones, 0.0, risks)  # at an end the next run has begun
         return observations, self.scale * gains, dones, infos
-
-
-def loss_chance(covariance: np.ndarray, limit: float) -> np.ndarray:
-    """The chance of an error of the position over ``limit`` [m], whose ``covariance`` is (..., 3, 3) [m^2].
-
-    The squared error has the mean tr P and the variance 2 tr P^2; a chi-squared variable that is stretched to have the
-    same (Satterthwaite, 1946) stands in for it. Three equal axes make it exact.
-    """
-    trace = np.trace(covariance, axis1=-2, axis2=-1)
-    of_square = np.einsum("...ij,...ji->...", covariance, covariance)
-    return chi2.sf(limit**2 * trace / of_square, trace**2 / of_square)
 
 
 class SeveralScenarios(VecEnv):

@@ -128,7 +128,7 @@ def test_a_mistake_is_told_in_a_line_before_any_work(row: Any, folder: Path, cap
     assert sorted(folder.rglob("*")) == before
 
 
-ZERO = ("seed", "warm_start", "entropy_bonus", "risk_weight", "test_episodes")
+ZERO = ("seed", "warm_start", "entropy_bonus", "test_episodes")
 """Numbers that may be zero."""
 
 

@@ -17,7 +17,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 import baselines
 from activeslam_gym import observation_layout
-from agents.sb3 import ActiveSLAMVecEnv, EpisodeLog, ScaledReward, loss_chance
+from agents.sb3 import ActiveSLAMVecEnv, EpisodeLog, ScaledReward
 
 SHORT: dict[str, Any] = {"gaze_period": 0.25, "duration": 3.0, "lost_position_error": 0.04}
 
@@ -62,13 +62,6 @@ def test_a_gain_is_clipped_and_the_failure_penalty_is_not() -> None:
         np.testing.assert_allclose(found, 0.1 * (gains + 2.0 * lost_penalties), rtol=1e-5, atol=1e-6)
         clipped, lost = clipped + (gains == 3.0).sum(), lost + (lost_penalties <= -100.0).sum()
     assert clipped > 0 and lost > 0
-
-
-@pytest.mark.parametrize("std", [(0.2, 0.2, 0.2), (0.3, 0.1, 0.2), (0.4, 0.02, 0.02)])
-def test_the_chance_of_a_loss_is_the_share_of_errors_over_the_limit(std: tuple[float, ...]) -> None:
-    errors = np.random.default_rng(0).normal(size=(100_000, 3)) * std
-    share = (np.linalg.norm(errors, axis=1) > 0.5).mean()
-    assert loss_chance(np.diag(np.square(std)), 0.5) == pytest.approx(share, abs=0.015)
 
 
 def test_attributes_methods_and_seeds_are_those_of_single_environments() -> None:

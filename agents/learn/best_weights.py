@@ -124,7 +124,7 @@ class BestWeights(BaseCallback):
         for name, batch in self.batches.items():
             returns, infos = self._validation(name, batch)
             penalties = np.array([info["reward_terms"]["lost_penalty"] for info in infos])
-            means[name] = float(np.mean(np.maximum(returns, FLOOR) + (self.args.forfeit_weight - 1.0) * penalties))
+            means[name] = float(np.mean(np.maximum(returns, FLOOR) + (self.args.lost_penalty_weight - 1.0) * penalties))
             failed.append(float(np.mean([info["lost"] or info["log_score"] < 0.0 for info in infos])))
             score = float(interquartile_mean(np.array([info["log_score"] for info in infos])))
             self._add_to_curve(name, len(infos), score, failed[-1])

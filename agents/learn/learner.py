@@ -80,7 +80,7 @@ def _make_batch(recipe: Recipe, name: str, num_envs: int, threads: int | None = 
     times = {"duration": recipe.duration, "gaze_period": recipe.decision_period}
     task: dict[str, Any] = {"scenario": scenario, "reward": recipe.reward, "num_threads": threads, **times}
     env = ActiveSLAMVecEnv(num_envs, ACTIONS.get(recipe.algorithm, "pairs"), **task)
-    return ScaledReward(VecMonitor(env), scale, recipe.reward_clip, recipe.forfeit_weight, recipe.risk_weight)
+    return ScaledReward(VecMonitor(env), scale, recipe.reward_clip, recipe.lost_penalty_weight)
 
 
 def _most_tokens(batches: Iterable[VecEnv]) -> int:

@@ -68,10 +68,8 @@ class Recipe:
     """Constant factor of the reward; of several scenarios, that of one as large as `paper`."""
     reward_clip: float = 150.0
     """Most that one decision may gain or lose in training, in the reward's unit, beside the failure penalty."""
-    forfeit_weight: float = 2.0
+    lost_penalty_weight: float = 2.0
     """Factor of the failure penalty, in training and in the choice of the weights."""
-    risk_weight: float = 1500.0
-    """Cost of the probability to be lost, by the belief after each decision of training, in the reward's unit."""
     width: int = 64
     """Units of each layer of the network."""
 
@@ -83,9 +81,9 @@ class Recipe:
     def check(self) -> None:
         """Raises ValueError for a bad argument; the message names it, its value and what is allowed."""
         positive(self, "decision_period", "gamma", *(["duration"] if self.duration is not None else []))
-        positive(self, "learning_rate", "reward_scale", "reward_clip", "forfeit_weight", "target_kl")
+        positive(self, "learning_rate", "reward_scale", "reward_clip", "lost_penalty_weight", "target_kl")
         within(self, gamma=(0.0, 1.0), learning_rate=(0.0, 1.0), entropy_bonus=(0.0, 1e3), seed=(0, 2**31 - 1))
-        within(self, warm_start=(0.0, 0.99), risk_weight=(0.0, 1e6), total_steps=(1, 2**40), epochs=(1, 1000))
+        within(self, warm_start=(0.0, 0.99), total_steps=(1, 2**40), epochs=(1, 1000))
         within(self, num_envs=(1, 2**16), width=(1, 2**13))
         for scenario in map(scenario_of, self.scenarios):
             whole_multiple("decision_period", self.decision_period, "the frame", scenario.frame_time)

@@ -24,6 +24,7 @@ REMOVALS: dict[str, dict[str, str]] = {
     "appearance": {"vision/settings": "SIGHTED = replace(SIGHTED, score_weight=0.0)"},
     "mean-residuals": {"vision/settings": "SIGHTED = replace(SIGHTED, residual_weight=0.0)"},
     "target's-biases": {"vision/settings": "SIGHTED = replace(SIGHTED, fiducial_bias_std=0.0, floor_std=0.03)"},
+    "slopes": {"vision/settings": "SIGHTED = replace(SIGHTED, fitted_every=math.inf)"},
     "wander": {"vision/settings": "SIGHTED = replace(SIGHTED, drift=0.0)"},
     # the rest
     "restarts": {

@@ -72,6 +72,24 @@ def test_matches_are_good_to_a_twentieth_of_a_pixel(step) -> None:
         assert np.linalg.eigvalsh(found.R[0, 0]).min() >= SETTINGS.floor_std**2
 
 
+@pytest.mark.parametrize("pixel", [(100.0, 150.0), (160.0, 120.0), (230.0, 100.0)])
+def test_the_plane_of_a_feature_is_learned_from_other_views(pixel) -> None:
+    """It is seen first from the side, and taken to face the camera."""
+    poses = [pose_at((0.5 - 0.05 * k, 0.1, 0.55), (0.0, 0.75 - 0.06 * k, 0.0)) for k in range(6)]
+    settings, first = FrontEndSettings(fitted_every=0.05, grain=1.5), np.array(pixel)
+    templates = TemplateMap(CAMERA, settings, 2)
+    images = [image_from(pose).astype(np.float32) for pose in poses]
+    templates.add(1, images[0], first, poses[0], np.zeros(3), 0)
+    point, place = np.array((*plane_points(poses[0], first[:1], first[1:])[0], 0.0)), templates.places([1])
+    angles = []
+    for pose, image in zip(poses, images):
+        z = projected(CAMERA, pose, point[None])
+        templates.fit_planes(view_from(CAMERA, pose), image, place, point[None], z)
+        normal = templates.templates.normal[0]
+        angles.append(np.degrees(np.arccos(normal @ BEHIND / np.linalg.norm(normal))))
+    assert angles[0] > 20.0 and angles[-1] < 3.0, angles
+
+
 def test_absent_features_are_missing_and_those_beyond_the_border_are_not_searched() -> None:
     pixel, empty = np.array((160.0, 120.0)), np.full((240, 320), 90)
     templates, point = stored(pixel, image_from(FIRST))

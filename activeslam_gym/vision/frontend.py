@@ -251,6 +251,8 @@ class FrontEnd:
         tried = findings.state != UNSEARCHED
         self.candidates, least = self._candidates(ids, places, findings), 3 if self._blind >= s.lost_after else 1
         self.candidates["match"] = matched = self.filter.update(self.candidates, jointly=True, least=least)
+        row, peak = (some[matched > 0] for some in findings.candidates)
+        self._template_map.fit_planes(view, grey, places[row], points[row], findings.pixel[row, peak])
         believed = np.any(ids[:, None] == matched, axis=1)
         outcome = np.where(believed, MATCHED, np.where(findings.state == FOUND, DOUBTED, MISSED))
         inside = point["visibility"] == INSIDE

@@ -38,6 +38,7 @@ class FrontEndSettings:
     fiducial_std: float = 0.3  # `floor_std` of a fiducial, whose template is drawn [px]
     fiducial_blur: float = 0.003  # deviation of a fiducial for each pixel a second that it moves: blur shifts it [s]
     fiducial_bias_std: float = 0.0  # error of a fiducial's pixel that stays until its template is drawn again [px]
+    fitted_every: float = math.inf  # change of view after which the plane of a feature is fitted again [rad]
     redrawn: float = 0.4  # change of view, or turn, after which the target is drawn again [rad]
     feature_bias_std: float = 0.0  # its point may be so far from the one that its template follows, see `FrontEnd` [px]
     probation: float = 5.0  # of a feature that is not yet judged the deviation is so many times larger; with a target
@@ -74,6 +75,6 @@ class FrontEndSettings:
 SIGHTED = FrontEndSettings(
     depth_prior=math.inf, visible=24, least_visible=8, lens_std=0.0, floor_std=0.015, fiducial_std=0.025, grain=1.5,
     drift=0.6, fiducial_blur=0.001, fiducial_bias_std=0.025, redrawn=0.1, feature_bias_std=0.2, residual_weight=12.0,
-    most_change=0.7, least_score=0.87, most_residual=0.12, probation=1.0,
+    most_change=0.7, least_score=0.87, most_residual=0.12, probation=1.0, fitted_every=0.05,
 )  # fmt: skip
 """The front end of a camera whose lens is known, in a room whose map should hold all of it."""

@@ -4,7 +4,8 @@ A patch lies on a small plane through the feature. A pixel z of the present imag
 that plane at X = p + d (n . (y - p)) / (n . d); the first camera saw X at the pixel where the stored patch is sampled.
 This is the plane's homography, taken through the distortion of equation 1 on both sides.
 
-The plane of a feature faces the first camera; that of a fiducial is known.
+The plane of a feature faces the first camera, until matches from other views tell its slopes; that of a fiducial is
+known.
 """
 
 import math
@@ -27,6 +28,8 @@ from activeslam_gym.kernels import Record, compiled
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import QUATERNION
 from activeslam_gym.slam.sight import IMAGE_PRODUCT_FRAMES, Sight
+from activeslam_gym.vision.bundle import tangents
+from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.settings import ENOUGH, FrontEndSettings
 from activeslam_gym.vision.views import changes_of_view, view_from
 
@@ -35,6 +38,8 @@ PATCH_SIDE, TEMPLATE_SIDE = 2 * PATCH_HALF + 1, 2 * TEMPLATE_HALF + 1
 """Pixels a side of a stored patch, with room for a turn and for twice the distance, and of a predicted template."""
 _NARROWEST = 0.35  # a plane that looks narrower than this share of its width at first sight is not predicted
 _SCALES = (0.45, 2.2)  # nor is one at less or more than so many times the distance of its first sight
+_SLOPE = 0.1  # by which a plane is tilted for a derivative
+_SLOPE_STD = 0.7  # of the two slopes of a feature's plane, before they are fitted
 _LEAST_INSIDE = 0.7  # nor is a template of which less than this share has been seen
 
 
@@ -185,6 +190,7 @@ class TemplateMap:
         self._tried, self._matched, self._residual = np.zeros(rows), np.zeros(rows), np.zeros((rows, 2))
         self._keep, self._enough = 1.0 - 1.0 / settings.trials, ENOUGH * settings.trials
         self._seen, self._since = np.zeros(rows, np.int64), np.zeros(rows, np.int64)  # last image, and first of a run
+        self._fitted_from, self._slope_covariance = np.zeros((rows, 3)), np.zeros((rows, 2, 2))  # of the plane
 
     @property
     def features(self) -> int:
@@ -202,6 +208,8 @@ class TemplateMap:
             for record in (self._tried, self._matched, self._residual):
                 record[place] = 0.0
             self._seen[place] = self._since[place] = frame
+        self._fitted_from[self._place[id]] = camera[:3]
+        self._slope_covariance[self._place[id]] = _SLOPE_STD**2 * np.eye(2)
         view = view_from(self._camera, camera)
         store(view, self.templates, self._place[id], id, grey, np.asarray(pixel, float), normal)
 
@@ -222,6 +230,50 @@ class TemplateMap:
         to ``now`` (3,); zero for the target, whose plane is known."""
         change = changes_of_view(self.templates.camera[places], now, points)
         return np.where((places < 0) | (self.templates.id[places] < 0), 0.0, change)
+
+    def fit_planes(
+        self, view: View, grey: np.ndarray, places: np.ndarray, points: np.ndarray, pixels: np.ndarray
+    ) -> None:
+        """Refine the slopes of the planes of features whose view is new (after Molton, Davison and Reid 2004).
+
+        The features at ``places`` (m,) with world points ``points`` (m, 3) were matched at ``pixels`` (m, 2) of
+        ``grey`` (h, w) float32. In one view the error of a template is the same in every image: many images tell no
+        more than one.
+        """
+        change = changes_of_view(self._fitted_from[places], view.pose, points)
+        for k in np.flatnonzero((change > self._settings.fitted_every) & (self.templates.id[places] > 0)):
+            self._fit_plane(view, grey, int(places[k]), points[k], pixels[k])
+
+    def _fit_plane(self, view: View, grey: np.ndarray, place: int, point: np.ndarray, pixel: np.ndarray) -> None:
+        """One step of Gauss and Newton from the prior of the slopes.
+
+        The image at ``pixel`` + x is gain T(x + d; slopes) + brightness.
+        """
+        normal, covariance = self.templates.normal[place], self._slope_covariance[place]
+        sight = point - self.templates.camera[place, :3]
+        across = tangents(sight / np.linalg.norm(sight)).T
+        drawn = np.empty((3, TEMPLATE_SIDE, TEMPLATE_SIDE), np.float32)
+        facing, seen = normal.copy(), True
+        for T, slope in zip(drawn, (0.0 * across[0], *_SLOPE * across)):
+            normal[:] = facing + slope
+            seen &= predict_appearance(view, self.templates, place, point, T)
+        normal[:] = facing
+        if not seen:
+            return
+        T, by_slopes = drawn[0, 1:-1, 1:-1], (drawn[1:] - drawn[0])[:, 1:-1, 1:-1] / _SLOPE
+        by_pixel = 0.5 * (drawn[0, 1:-1, 2:] - drawn[0, 1:-1, :-2]), 0.5 * (drawn[0, 2:, 1:-1] - drawn[0, :-2, 1:-1])
+        image = opencv().getRectSubPix(grey, T.shape, pixel)
+        rows = np.array((np.ones_like(T), T, *by_pixel, *by_slopes, image), float).reshape(7, -1)
+        rows = rows[:, np.isfinite(rows).all(axis=0)]
+        A, b, prior = rows[:-1], rows[-1], np.diag((0.0, 0.0, 1.0, 1.0, 0.0, 0.0))  # it was found to a pixel
+        prior[4:, 4:] = np.linalg.inv(covariance)
+        N, g = A @ A.T, A @ b
+        squares = b @ b - g[:4] @ np.linalg.lstsq(N[:4, :4], g[:4], rcond=None)[0]
+        var = self._settings.grain * max(squares / max(len(b), 1), 1e-3)
+        P = np.linalg.inv(N / var + prior)
+        x = P @ g / var
+        normal += x[4:] / x[1] @ across
+        covariance[:], self._fitted_from[place] = P[4:, 4:], view.pose[:3]
 
     def judge(self, ids: Iterable[int], matched: np.ndarray, inside: np.ndarray, frame: int) -> None:
         """Remember of the searched ``ids`` (m,) which were ``matched`` (m,); a miss counts where the feature is well

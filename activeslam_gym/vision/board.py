@@ -26,11 +26,12 @@ from scipy.spatial.transform import Rotation
 from activeslam_gym.files import argument, demand_writable, written_whole
 from activeslam_gym.vision.calibration import Calibration, calibration_from
 from activeslam_gym.vision.drawing import printed
-from activeslam_gym.vision.first_sight import LEAST_CORNERS, corners_in
+from activeslam_gym.vision.first_sight import LEAST_CORNERS, corners_in, refined
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.other_lenses import Lens, fitted, projected_by
 from activeslam_gym.vision.sources import SourceError, images_of
 from activeslam_gym.vision.target import CHARUCO, Board
+from activeslam_gym.vision.views import reduced
 
 KINDS = ("chessboard", CHARUCO)
 MODELS = ("equation-1", "radtan", "fisheye")
@@ -67,7 +68,8 @@ def find_board(image: np.ndarray, kind: str, columns: int, rows: int) -> View | 
 
     A large image is searched at reduced size, and the corners refined at full size.
     """
-    small, scale = _reduced(image)
+    scale = max(1.0, max(image.shape) / _SEARCHED)
+    small = reduced(image, scale)
     if kind == CHARUCO:
         board = Board(columns, rows, 1.0, _MARKER_SHARE)
         prints = (corners_in(small, board._replace(legacy=legacy)) for legacy in (False, True))
@@ -81,24 +83,11 @@ def find_board(image: np.ndarray, kind: str, columns: int, rows: int) -> View | 
     if not found:
         return None
     pixels = pixels.reshape(-1, 2).astype(float)
-    return points, pixels if scale == 1.0 else _refined(image, kind, scale * (pixels + 0.5) - 0.5)
-
-
-def _reduced(image: np.ndarray) -> tuple[np.ndarray, float]:
-    """The image no longer than _SEARCHED, and the pixels of ``image`` (h, w) to one of it."""
-    cv2, scale = opencv(), max(1.0, max(image.shape) / _SEARCHED)
-    if scale == 1.0:
-        return image, scale
-    return cv2.resize(image, None, fx=1.0 / scale, fy=1.0 / scale, interpolation=cv2.INTER_AREA), scale
-
-
-def _refined(image: np.ndarray, kind: str, pixels: np.ndarray) -> np.ndarray:
-    """The corners (n, 2) [px], in windows that reach no other corner and no marker."""
-    cv2, (pitch, _) = opencv(), cKDTree(pixels).query(pixels, 2)
-    half = max(int(_WINDOWS[kind] * pitch[:, 1].min()), 3)
-    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 40, 0.001)
-    rough = pixels.astype(np.float32).reshape(-1, 1, 2)
-    return cv2.cornerSubPix(image, rough, (half, half), (-1, -1), stop).reshape(-1, 2).astype(float)
+    if scale > 1.0:
+        pixels = scale * (pixels + 0.5) - 0.5
+        apart = cKDTree(pixels).query(pixels, 2)[0][:, 1].min()
+        pixels = refined(image, pixels, max(int(_WINDOWS[kind] * apart), 3))
+    return points, pixels
 
 
 def fit_lens(views: Sequence[View], width: int, height: int, model: str = MODELS[0]) -> Fit:

@@ -39,7 +39,9 @@ def seen_corners(image: np.ndarray, camera: Record, target: Target) -> tuple[np.
             f"the first image shows {len(points)} of the {len(target.points)} corners of the target, a board of kind "
             f"{target.kind}; {LEAST_CORNERS} or more are needed{_other_print(image, target)}"
         )
-    return points, _refined(image, target, points[:, :2], pixels)
+    per_metre = float(np.linalg.norm(np.std(pixels, axis=0)) / np.linalg.norm(np.std(points, axis=0)))
+    free = 0.5 * (target.square - target.marker) * per_metre  # around a corner, where nothing else of the board is
+    return points, refined(image, pixels, int(np.clip(_WINDOW * free, 2, 5)))
 
 
 def _other_print(image: np.ndarray, board: Board) -> str:
@@ -144,12 +146,10 @@ def _demand_marker_size(board: Board, corners: Any, numbers: Any, markers: Any, 
         raise ValueError(f"the target contradicts the first image: check marker and square; a marker has {share}")
 
 
-def _refined(image: np.ndarray, board: Board, points: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """The corners below the pixel, in a window that nothing else of the board reaches into."""
-    cv2, spread = opencv(), np.std(pixels, axis=0)
-    per_metre = float(np.linalg.norm(spread) / np.linalg.norm(np.std(points, axis=0)))
-    half = int(np.clip(_WINDOW * 0.5 * (board.square - board.marker) * per_metre, 2, 5))
-    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 40, 0.002)
+def refined(image: np.ndarray, pixels: np.ndarray, half: int) -> np.ndarray:
+    """Corners (n, 2) [px] below the pixel, each in a window of ``half`` its side [px]."""
+    cv2 = opencv()
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 40, 0.001)
     rough = pixels.astype(np.float32).reshape(-1, 1, 2)
     return cv2.cornerSubPix(image, rough, (half, half), (-1, -1), stop).reshape(-1, 2).astype(float)
 

@@ -68,6 +68,8 @@ NOTHING = Searched(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2, 2)),
 Drawn = Callable[[np.ndarray, int], tuple[np.ndarray, np.ndarray]]
 """From a camera's pose (7,) and the number of a fiducial, the picture (h, w) float32 of the target around it, NaN where
 it is unknown, and its pixel (2,); a ValueError: it is not before the camera, or too little is known of it."""
+_UNKNOWN = np.zeros(3)
+"""Normal of a plane that is not known."""
 _AROUND = 3.0
 """Pixels around a corner in which a lost map is searched."""
 _NEAR = 0.06
@@ -101,22 +103,20 @@ class FrontEnd:
 
     # The start --------------------------------------------------------------------------------------------------------
 
-    def start(self, image: np.ndarray, drawn: np.ndarray, corners: np.ndarray, normal: np.ndarray) -> None:
-        """The first image (h, w): the fiducials' templates at ``corners`` (K, 2) [px] of ``drawn`` (h, w) float32, in
-        the filter's pixels, on the plane with ``normal`` (3,) (world, away from the camera), and first initialisations.
-        The pose comes from the corners; they do not update again."""
-        image = self._reduced(image)
-        for k, corner in enumerate(corners):
-            self._template_map.add(-1 - k, drawn, corner, self.filter.mean, normal, 0)
-        self._initialise_features(image, image.astype(np.float32), corners, 4 * self.settings.initialised)
+    def start(
+        self, image: np.ndarray, time_s: float, ids: np.ndarray, pixels: np.ndarray,
+        drawn: np.ndarray | None = None, normal: np.ndarray = _UNKNOWN,
+    ) -> None:  # fmt: skip
+        """Begin with the ``image`` (h, w) uint8 of ``time_s`` [s], and the filter's belief of it.
 
-    def resume(self, image: np.ndarray, time_s: float, ids: np.ndarray, pixels: np.ndarray) -> None:
-        """Go on from the ``image`` (h, w) uint8 of ``time_s`` [s], which shows the features ``ids`` (n,) of the filter
-        at the ``pixels`` (n, 2) of the image; and first initialisations beside them."""
+        It shows the features ``ids`` (n,), or fiducials -1 - k, at the ``pixels`` (n, 2) of the filter. Their templates
+        are cut from it, or from the picture ``drawn`` (h, w) float32, on planes with ``normal`` (3,) (world, away from
+        the camera; zeros: unknown). First features are initialised beside them.
+        """
         image, self._time, self._last_view = self._reduced(image), time_s, self.filter.mean[:7]
-        pixels, grey = (pixels + 0.5) / self._scale - 0.5, image.astype(np.float32)
+        grey = image.astype(np.float32)
         for id, pixel in zip(ids.tolist(), pixels):
-            self._template_map.add(id, grey, pixel, self.filter.mean, np.zeros(3), 0)
+            self._template_map.add(id, grey if drawn is None else drawn, pixel, self.filter.mean, normal, 0)
         self._initialise_features(image, grey, pixels, 4 * self.settings.initialised)
 
     def show(self, target: Drawn, normal: np.ndarray, shown_from: np.ndarray | None = None) -> None:
@@ -349,7 +349,7 @@ class FrontEnd:
                 self._forget(oldest)
             id = self.filter.add_landmark(pixel)
             if id > 0:
-                self._template_map.add(id, grey, pixel, self.filter.mean, np.zeros(3), self._frame)
+                self._template_map.add(id, grey, pixel, self.filter.mean, _UNKNOWN, self._frame)
                 born[count]["match"], born[count]["pixel"] = id, pixel
                 count += 1
         self.candidates = np.concatenate((self.candidates, born[:count]))

@@ -90,7 +90,7 @@ def steps_from_anywhere(
             image, room = frame[1], min(front_end.filter.capacity, front_end.settings.visible)
             camera, points, covariance, pixels = search.belief(best, accelerations, room)
             ids = front_end.filter.resume(camera, points, covariance)
-            front_end.resume(image, frame[0], ids, pixels)
+            front_end.start(image, frame[0], ids, (pixels + 0.5) / calibration.scale - 0.5)
         if certain or ending is not None or len(held) * held[0][0][1].nbytes > _HELD:
             belief = front_end.filter.snapshot()
             for (frame, log), camera, P, sure, known in zip(held, *search.cameras(reported)):

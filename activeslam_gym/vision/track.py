@@ -140,7 +140,7 @@ def start(
     picture, pixels = reduced(image, calibration.scale), fiducials[:, :2]
     if target is not None:
         picture, pixels = drawn(picture, filter.camera, target, pose, fiducials)
-    front_end.start(image, picture, pixels, _BEHIND)
+    front_end.start(image, 0.0, -1 - np.arange(len(pixels)), pixels, picture, _BEHIND)
     if target is not None:
         front_end.show(partial(as_first_seen, filter.camera, target, pose, fiducials), _BEHIND, pose)
     return front_end

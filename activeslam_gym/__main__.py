@@ -11,7 +11,7 @@ import gymnasium
 from activeslam_gym.vision.settings import FEATURES
 
 _DEFAULT = "(default: %(default)s)"
-_LENS = "file of the lens: of calibrate, OpenCV, ROS, Kalibr, EuRoC, ORB-SLAM or COLMAP"
+_LENS = "file of the lens: of calibrate, OpenCV, ROS, Kalibr, EuRoC, ORB-SLAM, Basalt or COLMAP"
 _CAMERA = "camera of the file of the lens, by its name or the number in it (default: cam0, or the first)"
 
 
@@ -65,8 +65,8 @@ def _add_track(commands: Any) -> None:
     one = commands.add_parser(
         "track",
         help="track a real camera through images",
-        description="Track a calibrated camera through images that begin before a target of known size (a rectangle "
-        "or a ChArUco board), or anywhere, without scale: its trajectory, the map and a log of every image. "
+        description="Track a calibrated camera through images that begin before a target of known size (a rectangle, a "
+        "ChArUco or an AprilTag board), or anywhere, without scale: its trajectory, the map and a log of every image. "
         "Needs the extra `vision`.",
     )
     one.set_defaults(run=_track)

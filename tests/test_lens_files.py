@@ -31,12 +31,18 @@ XML = """<?xml version="1.0"?>
 <opencv_storage><image_width>640</image_width><image_height>480</image_height>
 <camera_matrix type_id="opencv-matrix"><rows>3</rows><data>500. 0. 310. 0. 502. 245. 0. 0. 1.</data></camera_matrix>
 <distortion_coefficients><data>0.05 -0.02 0.001 -5e-4 0.</data></distortion_coefficients></opencv_storage>"""
-BENT = "   k1: 0.05\n   k2: -0.02\n   p1: 0.001\n   p2: -0.0005\n"
+CAMODOCAL = "%YAML:1.0\n---\nmodel_type: {}\nimage_width: 640\nimage_height: 480\n{}projection_parameters:\n{}"
+BENT = "distortion_parameters:\n   k1: 0.05\n   k2: -0.02\n   p1: 0.001\n   p2: -0.0005\n"
 FOUR = "   fx: 500\n   fy: 502\n   cx: 310\n   cy: 245\n"
+KANNALA = "   k2: 0.01\n   k3: -0.003\n   k4: 0.001\n   k5: 0.0002\n   mu: 500\n   mv: 502\n   u0: 310\n   v0: 245\n"
 SIZED = '%YAML:1.0\nFile.version: "1.0"\nCamera.type: "{}"\nCamera.width: 640\nCamera.height: 480\n'
-ORB = SIZED.format("PinHole") + (FOUR + BENT).replace("   ", "Camera1.")
+ORB = SIZED.format("PinHole") + (FOUR + BENT.partition("\n")[2]).replace("   ", "Camera1.")
 EIGHT = SIZED.format("KannalaBrandt8") + FOUR.replace("   ", "Camera.")
 EIGHT += "Camera.k1: 0.01\nCamera.k2: -0.003\nCamera.k3: 0.001\nCamera.k4: 0.0002\n"
+BASALT = (
+    '{{"value0": {{"intrinsics": [{{"camera_type": "{}", "intrinsics": {{"fx": 500, "fy": 502, "cx": 310, "cy": 245, '
+)
+BASALT += '"k1": 0.01, "k2": -0.003, "k3": 0.001, "k4": 0.0002}}}}], "resolution": [[640, 480]]}}}}'
 
 RADIAL_FILES = {
     "kalibr": "cam0:\n" + KALIBR.format("pinhole", "radtan", RADIAL),
@@ -52,13 +58,16 @@ RADIAL_FILES = {
     "fourteen": ROS.format("rational_polynomial", listed(RADIAL, 10), K),
     "opencv, JSON": json.dumps(OPENCV, indent="\t"),
     "opencv, XML": XML,
+    "camodocal": CAMODOCAL.format("PINHOLE", BENT, FOUR),
     "orb-slam": ORB,
     "colmap": "# Camera list\n1 OPENCV 640 480 500 502 310.5 245.5 0.05 -0.02 0.001 -0.0005\n2 FOV 9 9 9 9 9 9 9\n",
 }  # fmt: skip
 FISHEYE_FILES = {
     "kalibr": "cam0:\n" + KALIBR.format("pinhole", "equidistant", FISHEYE),
     "ros, five numbers": ROS.format("equidistant", FISHEYE.replace("]", ", 0.0]"), K),
+    "camodocal": CAMODOCAL.format("KANNALA_BRANDT", "", KANNALA),
     "orb-slam": EIGHT,
+    "basalt": BASALT.format("kb4"),
     "colmap": "2 OPENCV_FISHEYE 640 480 500 502 310.5 245.5 0.01 -0.003 0.001 0.0002\n",
 }
 FILES = [(False, name, text) for name, text in RADIAL_FILES.items()]
@@ -107,6 +116,8 @@ def test_a_camera_is_chosen_by_name_or_number(camera: str, tmp_path: Path) -> No
         (KALIBR.format("pinhole", "none", RADIAL), "no distortion"),
         (KALIBR.format("pinhole", "radtan", RADIAL).replace("distortion_coeffs", "distorsion_coeffs"), "missing"),
         (KALIBR.format("fisheye", "radtan", RADIAL), "contradict"),
+        (CAMODOCAL.format("MEI", BENT, FOUR), "MEI"),
+        (BASALT.format("ds"), "ds"),
         (EIGHT.replace("k4", "p1"), "p1"),
         (ROS.format("equidistant", "[0.1, 0.1, 0.1, 0.1, 0.1]", K), "5 coefficients"),
         (ROS.format("plumb_bob", RADIAL, K) + ROI.format(2, 0, 0, 0, 0), "binning_x"),

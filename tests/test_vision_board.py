@@ -41,7 +41,7 @@ def chessboard(X: np.ndarray) -> np.ndarray:
 
 def charuco(X: np.ndarray) -> np.ndarray:
     """The same of a ChArUco board of 7 x 5 squares."""
-    board = Board(COLUMNS, ROWS, SQUARE, 0.75 * SQUARE)
+    board = Board("charuco", COLUMNS, ROWS, SQUARE, 0.75 * SQUARE, "DICT_4X4_50")
     return np.nan_to_num(printed_value(board, printed(board), X), nan=255.0)
 
 
@@ -221,7 +221,7 @@ def test_a_lens_of_opencvs_is_found_and_read_again(model, tmp_path) -> None:
 
 
 def test_the_legacy_pattern_of_a_charuco_board_is_found_or_named(tmp_path) -> None:
-    legacy = Board(6, 4, 0.03, 0.0225, legacy=True)
+    legacy = Board("charuco", 6, 4, 0.03, 0.0225, "DICT_4X4_50", True)
     image = cv2.copyMakeBorder(printed(legacy), 60, 60, 60, 60, cv2.BORDER_CONSTANT, value=255)
     points, pixels = find_board(image, "charuco", 6, 4)
     np.testing.assert_allclose(np.diff(pixels[:5, 0]), np.full(4, pixels[1, 0] - pixels[0, 0]), atol=0.5)

@@ -38,6 +38,7 @@ from .vision_scene import (
 )
 
 CHARUCO = {"kind": "charuco", "columns": 5, "rows": 4, "square": 0.06, "marker": 0.045, "dictionary": "4x4_50"}
+APRILTAG = {"kind": "apriltag", "columns": 3, "rows": 2, "tag": 0.08, "gap": 0.02, "dictionary": "36h11"}
 POSES = [
     pose_at((0.03, 0.02, 0.35)),
     pose_at((-0.12, 0.06, 0.33), (0.1, -0.3, 0.1)),
@@ -45,6 +46,7 @@ POSES = [
 ]
 RECTANGLE: dict[str, Any] = target_fields(POSES[0])
 CORNERS_PX = list(RECTANGLE["corners_px"].values())
+both_kinds = pytest.mark.parametrize("fields", [CHARUCO, APRILTAG], ids=lambda fields: fields["kind"])
 
 
 def board_on_the_plane(board: Board, pose: np.ndarray, samples: int = 4) -> np.ndarray:
@@ -58,9 +60,10 @@ def board_on_the_plane(board: Board, pose: np.ndarray, samples: int = 4) -> np.n
     return photographed(pose, grey, samples)
 
 
+@both_kinds
 @pytest.mark.parametrize("pose", POSES)
-def test_the_pose_is_recovered_from_a_board_that_finds_itself(pose) -> None:
-    board = target_from(CHARUCO)
+def test_the_pose_is_recovered_from_a_board_that_finds_itself(fields, pose) -> None:
+    board = target_from(fields)
     points, pixels = seen_corners(board_on_the_plane(board, pose), CAMERA, board)
     assert len(points) >= 6
     assert np.abs(pixels - projected(CAMERA, pose, points)).max() < 0.4
@@ -84,29 +87,31 @@ def test_a_part_of_the_board_is_enough_and_a_sliver_is_not() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "word"),
+    ("fields", "change", "word"),
     [
-        ({"kind": "circle"}, "kind must be rectangle, charuco, charuco-legacy, got 'circle'"),
-        ({"marker": 0.06}, "marker must be smaller than square"),
-        ({"columns": 2}, "columns must be a whole number of 3 or more"),
-        ({"rows": 4.0}, "rows must be a whole number"),
-        ({"square": 0.0}, "square must be a positive number of metres"),
-        ({"dictionary": "9x9"}, "dictionary must be one of OpenCV's, 4x4_50"),
-        ({"dictionary": 36}, "4x4_50 for example, got 36"),
-        ({"columns": 20, "rows": 20}, "the board has 200 markers, the dictionary 4x4_50 only 50"),
-        ({"tag": 1.0}, "has no field 'tag'"),
+        (CHARUCO, {"kind": "circle"}, "kind must be rectangle, charuco, charuco-legacy, apriltag, got 'circle'"),
+        (CHARUCO, {"marker": 0.06}, "marker must be smaller than square"),
+        (CHARUCO, {"columns": 2}, "columns must be a whole number of 3 or more"),
+        (CHARUCO, {"rows": 4.0}, "rows must be a whole number"),
+        (CHARUCO, {"dictionary": "9x9"}, "dictionary must be one of OpenCV's, 4x4_50"),
+        (CHARUCO, {"columns": 20, "rows": 20}, "the board has 200 markers, the dictionary 4x4_50 only 50"),
+        (CHARUCO, {"tag": 1.0}, "has no field 'tag'"),
+        (APRILTAG, {"gap": 0.0}, "gap must be a positive number of metres"),
+        (APRILTAG, {"columns": 1, "rows": 1}, "two tags or more"),
+        (APRILTAG, {"dictionary": 36}, "36h11 for example, got 36"),
     ],
 )
-def test_a_wrong_board_is_named(change, word) -> None:
+def test_a_wrong_board_is_named(fields, change, word) -> None:
     with pytest.raises(ValueError, match=word):
-        target_from({**CHARUCO, **change})
-    lacking = {name: value for name, value in CHARUCO.items() if name != "columns"}
+        target_from({**fields, **change})
+    lacking = {name: value for name, value in fields.items() if name != "columns"}
     with pytest.raises(ValueError, match="lacks columns"):
         target_from(lacking)
 
 
-def test_a_track_from_a_board_has_scale() -> None:
-    board, poses = target_from(CHARUCO), path(20, 0.4, -0.002)
+@both_kinds
+def test_a_track_from_a_board_has_scale(fields) -> None:
+    board, poses = target_from(fields), path(20, 0.4, -0.002)
     frames = [(k / 30.0, board_on_the_plane(board, pose, 2)) for k, pose in enumerate(poses)]
     done = follow(frames, LENS, board, 30.0)
     assert done.metric and done.logs[-1].metric and done.trouble is None
@@ -188,6 +193,9 @@ def test_a_camera_that_only_turns_in_a_room_stays_where_it_is_and_the_user_is_to
 @pytest.mark.parametrize(
     ("fields", "change"),
     [
+        (APRILTAG, {"columns": 2, "rows": 3}),
+        (APRILTAG, {"columns": 4}),
+        (APRILTAG, {"gap": 0.1}),
         (CHARUCO, {"marker": 0.035}),
         (CHARUCO, {"square": 0.05}),
         (RECTANGLE, {"width": RECTANGLE["height"], "height": RECTANGLE["width"]}),

@@ -71,7 +71,7 @@ def find_board(image: np.ndarray, kind: str, columns: int, rows: int) -> View | 
     scale = max(1.0, max(image.shape) / _SEARCHED)
     small = reduced(image, scale)
     if kind == CHARUCO:
-        board = Board(columns, rows, 1.0, _MARKER_SHARE)
+        board = Board(CHARUCO, columns, rows, 1.0, _MARKER_SHARE, "DICT_4X4_50")
         prints = (corners_in(small, board._replace(legacy=legacy)) for legacy in (False, True))
         points, pixels = next((one for one in prints if len(one[0]) >= LEAST_CORNERS), np.empty((2, 0, 3)))
         found, points = len(points) > 0, points * (1.0, -1.0, 1.0)
@@ -236,7 +236,7 @@ def calibrate(images: str | Path, kind: str, columns: int, rows: int, out: str |
 
 # A board that is waved before a live camera ---------------------------------------------------------------------------
 
-BOARD = Board(7, 5, 0.036, 0.027)
+BOARD = Board(CHARUCO, 7, 5, 0.036, 0.027, "DICT_4X4_50")
 """A board that fits on a sheet of A4 or Letter, of the dictionary and markers of `calibrate`."""
 _CORNERS = 8
 """Fewest corners of a view."""

@@ -12,7 +12,7 @@ from activeslam_gym.vision.views import plane_points, projected
 
 _EDGE_RAYS, _BOARD_RAYS = 20, 6  # rays a side of a pixel by which a rectangle's edges, or a board, are drawn
 _BESIDE = 5.0  # pixels beside a rectangle's edges that are drawn
-_CELL = 80  # pixels of a square as it is printed
+_CELL = 80  # pixels of a square or tag as it is printed
 _BLACK, _WHITE = 25.0, 225.0  # grey levels of a printed rectangle
 _LEAST_SLANT = 0.3  # sine of the angle between sight line and plane under which a printed rectangle is not drawn
 _NEARER = 0.9  # share of the first distance from which templates show nothing beside the `_BESIDE` pixels of that
@@ -97,8 +97,8 @@ def _nothing(camera: Record) -> np.ndarray:
 
 @cache
 def printed(board: Board) -> np.ndarray:
-    """The board as it is printed (h, w) uint8, ``_CELL`` pixels to the square, without a margin."""
-    return board.pattern.generateImage(np.rint(board.size * _CELL / board.square).astype(int).tolist())
+    """The board as it is printed (h, w) uint8, ``_CELL`` pixels to the pitch, without a margin."""
+    return board.pattern.generateImage(np.rint(board.size * _CELL / board.pitch).astype(int).tolist())
 
 
 def printed_value(board: Board, picture: np.ndarray, X: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from activeslam_gym.camera import pixel_from_camera_point, ray_from_pixel
 from activeslam_gym.geometry import rotate_left
 from activeslam_gym.kernels import Record
 from activeslam_gym.vision.opencv import opencv
-from activeslam_gym.vision.target import Board, Rectangle, Target
+from activeslam_gym.vision.target import CHARUCO, LEGACY, Board, Rectangle, Target, markers_of
 from activeslam_gym.vision.views import pose_of, projected
 
 _SIDES = ((0, 1), (2, 3), (0, 2), (1, 3))  # of the rectangle, by corners: top, bottom, left, right
@@ -20,6 +20,7 @@ _ROUNDS = 4  # times that its edges are sought from the corners found before
 _LEAST_CONTRAST = 25.0  # grey levels between the two sides of its edge
 LEAST_CORNERS = 6  # fewer corners of a board are no start
 _WINDOW = 0.8  # half side of the window of a corner's fit, in the free space around it: the board may be slanted
+_MODULES = 10.0  # black and white fields along a tag, at most
 _MISSED = (0.6, 0.004)  # most that corners' pixels deviate by: pixels, or a share of the target's extent if more
 _MARKER_ERROR = 0.1  # most that the side of a ChArUco board's markers may be off
 _FIDUCIALS = 8  # corners of a board that are searched in every image
@@ -40,14 +41,21 @@ def seen_corners(image: np.ndarray, camera: Record, target: Target) -> tuple[np.
             f"{target.kind}; {LEAST_CORNERS} or more are needed{_other_print(image, target)}"
         )
     per_metre = float(np.linalg.norm(np.std(pixels, axis=0)) / np.linalg.norm(np.std(points, axis=0)))
-    free = 0.5 * (target.square - target.marker) * per_metre  # around a corner, where nothing else of the board is
-    return points, refined(image, pixels, int(np.clip(_WINDOW * free, 2, 5)))
+    gap = target.pitch - target.marker
+    free = 0.5 * gap if target.kind == CHARUCO else min(gap, target.marker / _MODULES)  # around a corner
+    return points, refined(image, pixels, int(np.clip(_WINDOW * free * per_metre, 2, 5)))
 
 
 def _other_print(image: np.ndarray, board: Board) -> str:
     """The other way in which the board in the ``image`` is printed, if any."""
-    other = board._replace(legacy=not board.legacy)
-    return f': it has the pattern of kind "{other.kind}"' if len(corners_in(image, other)[0]) >= LEAST_CORNERS else ""
+    if board.kind == CHARUCO:
+        legacy = board._replace(legacy=not board.legacy)
+        kind = LEGACY if legacy.legacy else CHARUCO
+        return f': it has the pattern of kind "{kind}"' if len(corners_in(image, legacy)[0]) >= LEAST_CORNERS else ""
+    wide = opencv().aruco.DetectorParameters()
+    wide.markerBorderBits = 2
+    found = opencv().aruco.ArucoDetector(markers_of(board.dictionary), wide).detectMarkers(image)[1]
+    return "" if found is None else ": its tags have borders of two bits, as Kalibr's AprilGrid, which is not known"
 
 
 def fiducials_among(points: np.ndarray) -> np.ndarray:
@@ -123,12 +131,17 @@ def _line_through(rays: np.ndarray) -> np.ndarray:
 
 def corners_in(image: np.ndarray, board: Board) -> tuple[np.ndarray, np.ndarray]:
     """The corners of the ``board`` in the ``image`` (h, w) uint8, roughly: (n, 3) [m] and their pixels (n, 2)."""
-    found, numbers, markers, ids = opencv().aruco.CharucoDetector(board.pattern).detectBoard(image)
-    if numbers is None:
+    aruco, pattern = opencv().aruco, board.pattern
+    if board.kind == CHARUCO:
+        found, numbers, markers, ids = aruco.CharucoDetector(pattern).detectBoard(image)
+        if numbers is not None and len(numbers) >= LEAST_CORNERS:
+            _demand_marker_size(board, found, numbers, markers, ids)
+    else:
+        found, numbers = aruco.ArucoDetector(markers_of(board.dictionary)).detectMarkers(image)[:2]
+    matched: Any = (None, None) if numbers is None else pattern.matchImagePoints(found, numbers)
+    if matched[0] is None:
         return np.zeros((0, 3)), np.zeros((0, 2))
-    if len(numbers) >= LEAST_CORNERS:
-        _demand_marker_size(board, found, numbers, markers, ids)
-    return board.points[np.ravel(numbers)], np.reshape(found, (-1, 2)).astype(float)
+    return board.upright(matched[0]), np.reshape(matched[1], (-1, 2)).astype(float)
 
 
 def _demand_marker_size(board: Board, corners: Any, numbers: Any, markers: Any, ids: Any) -> None:
@@ -142,7 +155,7 @@ def _demand_marker_size(board: Board, corners: Any, numbers: Any, markers: Any, 
     sides = np.linalg.norm(np.diff(squares.reshape(-1, 4, 2)[np.isin(ids, known).ravel()], axis=1), axis=2)
     seen = float(np.median(sides)) if len(sides) else board.marker
     if abs(seen - board.marker) > _MARKER_ERROR * board.marker:
-        share = f"{seen / board.square:.2f} of a square's side, not {board.marker / board.square:.2f}"
+        share = f"{seen / board.pitch:.2f} of a square's side, not {board.marker / board.pitch:.2f}"
         raise ValueError(f"the target contradicts the first image: check marker and square; a marker has {share}")
 
 
@@ -160,7 +173,7 @@ def demand_agreement(camera: Record, pose: np.ndarray, points: np.ndarray, pixel
     missed = float(np.sqrt(squares / (2 * len(points) - 6)))  # the pose was fitted
     most = max(_MISSED[0], _MISSED[1] * float(np.linalg.norm(np.ptp(pixels, axis=0))))
     if missed > most:
-        check = "sizes, columns and rows, order and turn of corners, lens and focus"
+        check = "sizes (gap is no pitch), columns and rows, order and turn of corners or tags, lens and focus"
         raise ValueError(
             f"the target contradicts the first image by {missed:.1f} px, {most:.1f} at most: check {check}"
         )
@@ -197,7 +210,8 @@ def start_pose(
         if pose[2] > 0.0:
             fits.append((fit.cost, pose, corner_std**2 * np.linalg.inv(fit.jac.T @ fit.jac)))
     if not fits:
-        raise ValueError("no pose before the target explains its corners in the first image: check their order")
+        why = "are its tags counted from the bottom, as in Kalibr's AprilGrid?"
+        raise ValueError(f"no pose before the target explains its corners in the first image: {why}")
     return min(fits, key=lambda fit: fit[0])[1:]
 
 

@@ -1,4 +1,4 @@
-"""Calibrations of other programs: OpenCV, ROS, Kalibr, EuRoC, ORB-SLAM and COLMAP.
+"""Calibrations of other programs: OpenCV, ROS, Kalibr, EuRoC, camodocal, ORB-SLAM, Basalt and COLMAP.
 
 Two models are known, each as OpenCV has it: the radial-tangential lens of 4, 5, 8, 12 or 14 coefficients, and the
 fisheye (Kannala and Brandt 2006) of 4. What is filtered is equation 1, so that is fitted to the lens, and each image is
@@ -10,7 +10,7 @@ import math
 import re
 import reprlib
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
@@ -31,11 +31,12 @@ FISHEYE = ("fisheye", "equidistant", "equidist", "equi", "pinholeequi", "kannala
 """Words for the two models, as `_key` has them; the first say nothing of the distortion, or that there is none."""
 _MODEL_FIELDS = ("cameramodel", "distortionmodel", "fisheyemodel", "modeltype", "cameratype", "model", "type")
 _MATRICES = ("cameramatrix", "k")
-_LENS = ("fx", "flx", "intrinsics", *_MATRICES)  # one of these has the focal length
 _LISTS = ("distortioncoefficients", "distortioncoeffs", "distcoeffs", "d")
 _SIDES = (("imagewidth", "width", "cols"), ("imageheight", "height", "rows"))
-_ORDER, _FOUR = "k1 k2 p1 p2 k3 k4 k5 k6".split(), "k1 k2 k3 k4".split()
-"""Names of coefficients in OpenCV's order: radial-tangential ones, and a fisheye's."""
+_FOCI = (("fx", "mu"), ("fy", "mv"), ("cx", "u0"), ("cy", "v0"))
+_PARTS = ("intrinsics", "projectionparameters", "distortionparameters", "mirrorparameters")
+_ORDER, _FOUR, _KANNALA = "k1 k2 p1 p2 k3 k4 k5 k6".split(), "k1 k2 k3 k4".split(), "k2 k3 k4 k5".split()
+"""Names of coefficients in OpenCV's order: radial-tangential ones, a fisheye's, and those as camodocal has them."""
 COLMAP = {
     "SIMPLE_PINHOLE": "f cx cy", "PINHOLE": "fx fy cx cy", "SIMPLE_RADIAL": "f cx cy k1", "RADIAL": "f cx cy k1 k2",
     "OPENCV": "fx fy cx cy k1 k2 p1 p2", "FULL_OPENCV": "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6",
@@ -165,7 +166,7 @@ def lens_from(path: str | Path, camera: str | None = None) -> tuple[Calibration,
         ValueError: it is damaged, or no lens has its numbers, or it holds no such ``camera``.
         ModuleNotFoundError: it is another program's, and OpenCV is not installed.
     """
-    if Path(path).suffix.lower() == ".json" and not _cameras(read_object(path)):
+    if Path(path).suffix.lower() == ".json" and not any(_cameras(read_object(path))):
         return read_calibration(path), lambda frame: frame
     lens = read_lens(path, camera)
     calibration, typical, greatest = fitted(lens, str(path))
@@ -191,7 +192,7 @@ def read_lens(path: str | Path, camera: str | None = None) -> Lens:
         if rows and len(rows[0]) > 3 and rows[0][0].isdigit():
             found = {row[0]: row for row in rows}
         else:
-            found = next(filter(None, map(_cameras, _parsed(text))), {})
+            found = next(filter(any, map(dict, map(_cameras, _parsed(text)))), {})
         if not found:
             raise ValueError("camera_matrix, intrinsics and fx are missing")
         names, name = ", ".join(found), "cam0" if "cam0" in found else next(iter(found))
@@ -244,22 +245,38 @@ def _parsed(text: str) -> list[Any]:
         raise ValueError(f"it is no YAML, JSON or XML: {' '.join(str(error).split())[:200]}") from None
 
 
-def _cameras(document: Any) -> dict[str, dict[str, Any]]:
-    """The cameras in a document, by name: its own fields, or those of Kalibr's cam0 or ORB-SLAM's Camera1."""
-    parts = dict[str, Any]()
-    for path, value in document.items() if isinstance(document, dict) else ():
-        first, dot, rest = str(path).partition(".")  # ORB-SLAM's Camera1.fx
-        parts[first] = {**parts.get(first, {}), rest: value} if dot else value
-    within = {name: part for name, part in parts.items() if isinstance(part, dict)}
-    common = within.get("Camera", {})  # ORB-SLAM's model and size
-    named = {"0": parts, **{name: common | part for name, part in within.items()}}
-    keyed = {name: {_key(key): value for key, value in part.items()} for name, part in named.items()}
-    found = {name: part for name, part in keyed.items() if not part.keys().isdisjoint(_LENS)}
-    return {"0": found["0"]} if "0" in found else found
+def _cameras(part: Any, name: str = "", outer: dict[str, Any] | None = None) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The cameras in nested fields, by name; some programs name the model, or the size, in fields about them."""
+    outer = outer or {}
+    if isinstance(part, list):
+        sizes = outer.get("resolution", ())  # Basalt's: one for each camera
+        for k, one in enumerate(part):
+            yield from _cameras(one, f"{name}.{k}", {**outer, "resolution": sizes[k]} if sizes else outer)
+    if not isinstance(part, dict):
+        return
+    nested = dict[str, Any]()
+    for path, value in part.items():  # ORB-SLAM's Camera1.fx
+        first, dot, rest = str(path).partition(".")
+        nested[first] = {**nested.get(first, {}), rest: value} if dot else value
+    own = {_key(key): value for key, value in nested.items()}
+    lists = [own[key] for key in ("intrinsics", *_MATRICES) if isinstance(own.get(key), list | dict)]
+    if not own.keys().isdisjoint(("fx", "flx", *_PARTS[1:])) or any(x and not isinstance([*x][0], dict) for x in lists):
+        yield name or "0", outer | own
+        return
+    common = own["camera"] if "camera1" in own else {}
+    outer = outer | {
+        key: value for key, value in own.items() if key == "resolution" or isinstance(value, str | int | float)
+    }
+    outer |= {_key(key): value for key, value in common.items()}
+    for key, value in nested.items():
+        yield from _cameras(value, f"{name}.{key}".lstrip("."), outer)
 
 
 def _of_fields(camera: dict[str, Any]) -> Lens:
     """The lens of a camera's fields, by the names that these programs use."""
+    for part in _PARTS:
+        if isinstance(camera.get(part), dict) and "data" not in camera[part]:
+            camera = camera | {_key(key): value for key, value in camera[part].items()}
     words = {_key(camera[name]): camera[name] for name in _MODEL_FIELDS if name in camera}
     words |= {"xi": "with xi"} if "xi" in camera else {}  # OpenCV's omnidirectional lens has no word
     if "flx" in camera:
@@ -270,11 +287,11 @@ def _of_fields(camera: dict[str, Any]) -> Lens:
     if fisheye and not words.keys().isdisjoint(RADIAL):
         raise ValueError(f"its models contradict each other: {', '.join(map(str, words.values()))}")
     size = _numbers(camera, "resolution") or [x for names in _SIDES for x in _numbers(camera, *names)]
-    single = [x for name in ("fx", "fy", "cx", "cy") for x in _numbers(camera, name)]
+    single = [x for names in _FOCI for x in _numbers(camera, *names)]
     four = single or _numbers(camera, "intrinsics")
     K = [four[0], 0.0, four[2], 0.0, four[1], four[3], 0.0, 0.0, 1.0] if len(four) == 4 else four
     K = K or _numbers(camera, *_MATRICES)
-    order = _FOUR if fisheye else _ORDER
+    order = _KANNALA if "mu" in camera else _FOUR if fisheye else _ORDER
     named = {name: value for name in camera if re.fullmatch(r"[kps]\d", name) for value in _numbers(camera, name)}
     if stray := [name for name, value in named.items() if value and name not in order]:
         raise ValueError(f"{stray[0]} is no coefficient of its model, which has {', '.join(order)}")

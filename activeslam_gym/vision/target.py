@@ -1,7 +1,7 @@
 """A target of known size, whose corners are the fiducials, so that its first sight is the start, with scale.
 
-It is a rectangle, whose corners in the first image are given, or a ChArUco board, which finds itself, and of which a
-part is enough.
+It is a rectangle, whose corners in the first image are given, or a board of numbered markers (ChArUco or AprilTag),
+which finds itself, and of which a part is enough.
 
 The target's frame is the world: origin at its centre, X to the right and Y up as it is printed, Z towards the viewer.
 """
@@ -17,10 +17,11 @@ from activeslam_gym.vision.calibration import check_names, read_object
 from activeslam_gym.vision.opencv import opencv
 
 CORNERS = ("top_left", "top_right", "bottom_left", "bottom_right")
-RECTANGLE, CHARUCO, LEGACY = "rectangle", "charuco", "charuco-legacy"
+RECTANGLE, CHARUCO, LEGACY, APRILTAG = "rectangle", "charuco", "charuco-legacy", "apriltag"
 _FIELDS = {
     RECTANGLE: {"kind", "width", "height", "corners_px"},
     **dict.fromkeys((CHARUCO, LEGACY), {"kind", "columns", "rows", "square", "marker", "dictionary"}),
+    APRILTAG: {"kind", "columns", "rows", "tag", "gap", "dictionary"},
 }
 """Fields of a target's file, by its kind."""
 FACING = np.array((0.0, 0.0, 1.0, 0.0))
@@ -44,37 +45,38 @@ class Rectangle(NamedTuple):
 
 
 class Board(NamedTuple):
-    """A flat ChArUco board: a marker in every white square; its fiducials are the corners where four squares meet."""
+    """A flat board of markers."""
 
-    columns: int  # squares in a row
+    kind: str  # CHARUCO or APRILTAG
+    columns: int  # squares of a ChArUco board, or tags, in a row
     rows: int
-    square: float  # side of a square [m]
+    pitch: float  # from one square, or tag, to the next [m]
     marker: float  # side of a marker: of its black part [m]
-    dictionary: str = "DICT_4X4_50"  # OpenCV's name
-    legacy: bool = False  # as OpenCV before 4.6 has it: the first square of even rows has a marker
-
-    @property
-    def kind(self) -> str:
-        """The word in a target's file."""
-        return LEGACY if self.legacy else CHARUCO
+    dictionary: str  # OpenCV's name: DICT_4X4_50, DICT_APRILTAG_36h11, ...
+    legacy: bool = False  # of ChArUco, as OpenCV before 4.6 has it: the first square of even rows has a marker
 
     @property
     def size(self) -> np.ndarray:
-        """(2,) width and height [m]."""
-        return np.array((self.columns, self.rows)) * self.square
+        """(2,) width and height of all squares or tags [m]."""
+        gap = 0.0 if self.kind == CHARUCO else self.pitch - self.marker
+        return np.array((self.columns, self.rows)) * self.pitch - gap
 
     @property
     def pattern(self) -> Any:
         """OpenCV's board."""
-        size, markers = (self.columns, self.rows), _markers_of(self.dictionary)
-        board = opencv().aruco.CharucoBoard(size, self.square, self.marker, markers)
-        board.setLegacyPattern(self.legacy)
-        return board
+        aruco, size, markers = opencv().aruco, (self.columns, self.rows), markers_of(self.dictionary)
+        if self.kind == CHARUCO:
+            board = aruco.CharucoBoard(size, self.pitch, self.marker, markers)
+            board.setLegacyPattern(self.legacy)
+            return board
+        return aruco.GridBoard(size, self.marker, self.pitch - self.marker, markers)
 
     @property
     def points(self) -> np.ndarray:
-        """(n, 3) inner corners of the squares [m], row by row."""
-        return self.upright(self.pattern.getChessboardCorners())
+        """(n, 3) corners [m]: inner corners of the squares row by row; of tags, each one's four, clockwise from its top
+        left."""
+        squares = self.kind == CHARUCO
+        return self.upright(self.pattern.getChessboardCorners() if squares else self.pattern.getObjPoints())
 
     def upright(self, corners: Any) -> np.ndarray:
         """(n, 3) [m] in the target's frame of OpenCV's ``corners``, which it counts from the top left downwards."""
@@ -85,7 +87,7 @@ class Board(NamedTuple):
 Target = Rectangle | Board
 
 
-def _markers_of(name: str) -> Any:
+def markers_of(name: str) -> Any:
     """OpenCV's dictionary of that name."""
     aruco = opencv().aruco
     return aruco.getPredefinedDictionary(getattr(aruco, name))
@@ -134,23 +136,32 @@ def _rectangle_from(fields: dict[str, Any]) -> Rectangle:
 
 
 def _board_from(fields: dict[str, Any]) -> Board:
-    columns, rows, name = (fields[name] for name in ("columns", "rows", "dictionary"))
+    kind, columns, rows, name = (fields[name] for name in ("kind", "columns", "rows", "dictionary"))
+    kind, legacy = (CHARUCO, True) if kind == LEGACY else (kind, False)
+    least = 3 if kind == CHARUCO else 1
     for side in ("columns", "rows"):
         value = fields[side]
-        if isinstance(value, bool) or not isinstance(value, int) or value < 3:
-            raise ValueError(f"{side} must be a whole number of 3 or more, got {reprlib.repr(value)}")
-    square, marker, needed = _metres(fields, "square"), _metres(fields, "marker"), columns * rows // 2
-    if marker >= square:
-        raise ValueError(f"marker must be smaller than square, got {marker!r} and {square!r}")
-    dictionary = f"DICT_{name.upper() if isinstance(name, str) else ''}"
+        if isinstance(value, bool) or not isinstance(value, int) or value < least:
+            raise ValueError(f"{side} must be a whole number of {least} or more, got {reprlib.repr(value)}")
+    if kind == CHARUCO:
+        pitch, marker, needed = _metres(fields, "square"), _metres(fields, "marker"), columns * rows // 2
+        if marker >= pitch:
+            raise ValueError(f"marker must be smaller than square, got {marker!r} and {pitch!r}")
+    else:
+        marker, needed = _metres(fields, "tag"), columns * rows
+        pitch = marker + _metres(fields, "gap")
+        if needed < 2:
+            raise ValueError("an AprilTag board must have two tags or more")
+    prefix, example = ("DICT", "4x4_50") if kind == CHARUCO else ("DICT_APRILTAG", "36h11")
+    dictionary = f"{prefix}_{name.upper() if isinstance(name, str) else ''}"
     try:
-        there = len(_markers_of(dictionary).bytesList)
+        there = len(markers_of(dictionary).bytesList)
     except AttributeError:
         wrong = reprlib.repr(name)
-        raise ValueError(f"dictionary must be one of OpenCV's, 4x4_50 for example, got {wrong}") from None
+        raise ValueError(f"dictionary must be one of OpenCV's, {example} for example, got {wrong}") from None
     if needed > there:
         raise ValueError(f"the board has {reprlib.repr(needed)} markers, the dictionary {name} only {there}")
-    return Board(columns, rows, square, marker, dictionary, fields["kind"] == LEGACY)
+    return Board(kind, columns, rows, pitch, marker, dictionary, legacy)
 
 
 def _metres(fields: dict[str, Any], name: str) -> float:

@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from activeslam_gym import Gaze, Motion
 from activeslam_gym.evaluation import Episode, gaze_counts, motion_counts
 from activeslam_gym.evaluation.episode import nearest
 from activeslam_gym.files import written_whole
 from activeslam_gym.rendering.scene import FIDUCIAL, ellipses
-from agents.summary import grouped
-from agents.tools.statistics import aggregate
+from agents.summary import aggregate, grouped
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -92,7 +92,8 @@ def errors(by_policy: Runs) -> Figure:
     """Fig. 3: errors of position and of the quaternion's vector part in the first room, with 2σ bounds."""
     figure, grid = grid_of_panels(len(ERRORS), len(by_policy), (3.4, 1.5), sharex=True, sharey="row")
     for column, (name, (first, *_)) in enumerate(by_policy.items()):
-        offsets = np.hstack((first.position_offset, quaternion_error(first.rotation_offset)))
+        vector = Rotation.from_rotvec(first.rotation_offset).as_quat(canonical=True)[:, :3]
+        offsets = np.hstack((first.position_offset, vector))
         bounds = SIGMAS * np.hstack((first.position_std, first.rotation_std / 2.0))
         for axes, label, offset, bound in zip(grid[:, column], ERRORS, offsets.T, bounds.T):
             axes.plot(first.times, offset, color=ESTIMATE, linewidth=0.8)
@@ -150,12 +151,6 @@ def over_rooms(runs: Sequence[Episode], field: str) -> Curves:
     longest = max((run.times for run in runs), key=lambda times: times[-1])
     times = longest[nearest(longest, 1.0)]
     return times, np.array([np.interp(times, run.times, getattr(run, field), right=np.nan) for run in runs])
-
-
-def quaternion_error(rotation_offset: np.ndarray) -> np.ndarray:
-    """Vector part (T, 3) of the quaternion of Exp(δθ): sin(‖δθ‖/2) δθ/‖δθ‖, near δθ/2."""
-    angle = np.linalg.norm(rotation_offset, axis=-1, keepdims=True)
-    return 0.5 * np.sinc(angle / (2.0 * np.pi)) * rotation_offset
 
 
 def grid_of_panels(rows: int, columns: int, size: tuple[float, float], **shared: Any) -> tuple[Figure, np.ndarray]:

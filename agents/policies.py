@@ -30,8 +30,12 @@ def load(name: str, env: Environment, seed: int | Sequence[int] = 0) -> Predicto
         return CheckpointPolicy(_at(name), env)
     if ":" in name:
         return bound(_imported(name), env)
-    if path := file_of(name):
-        return _saved_model(path, env) if path.suffix == ".zip" else _learned(path, env)
+    if (path := file_of(name)) and path.suffix == ".zip":
+        return _saved_model(path, env)
+    if path:
+        from agents.learn.policy import LearnedPolicy
+
+        return LearnedPolicy(env, *weights.read(str(path)))
     return baselines.make(name, env, **({"seed": seed} if name == "random" else {}))
 
 
@@ -45,13 +49,6 @@ def require_known(name: str) -> None:
     allowed = f"{', '.join(known)}, a file of weights (policy.npz, or model.zip of SB3), 'package.module:policy',"
     allowed += " rllib:FOLDER"
     raise ValueError(f"policy: {name!r} is unknown{did_you_mean(name, known)}; allowed: {allowed}")
-
-
-def _learned(path: Path, env: Environment) -> Predictor:
-    """The policy of a file of weights."""
-    from agents.learn.policy import LearnedPolicy
-
-    return LearnedPolicy(env, *weights.read(str(path)))
 
 
 def _saved_model(path: Path, env: Environment) -> Predictor:

@@ -15,7 +15,7 @@ import gymnasium as gym
 
 import activeslam_gym  # noqa: F401  (registers the environment)
 from activeslam_gym.config import IMAGE_SCENARIOS, fields_of
-from activeslam_gym.evaluation import Episode, Measure, Observer, Store, play
+from activeslam_gym.evaluation import Episode, Observer, Store, play
 from activeslam_gym.evaluation.code import digest, foreign_modules, own_files, package_sources
 from activeslam_gym.evaluation.store import Arrays, run_all
 from agents import policies
@@ -33,7 +33,7 @@ class Task:
     seed: int
     settings: str = "{}"  # arguments of `make_environment`, as JSON: what episodes must share to be compared
     whole: bool = False  # keep every sample (of the episode that is drawn) instead of one a second
-    measures: tuple[type[Measure], ...] = ()  # classes of measures beside the record
+    measures: tuple[type[Any], ...] = ()  # classes of observers, which may have results beside the record
 
     def __str__(self) -> str:
         return f"{self.policy}, episode {self.seed}"
@@ -94,14 +94,10 @@ def _files(tasks: Sequence[Task]) -> dict[str, Path]:
 
 def play_tasks(tasks: Sequence[Task]) -> list[Arrays]:
     """Play tasks of one group, several as a batch."""
-    first, measures = tasks[0], [[make() for make in task.measures] for task in tasks]
+    first, observers = tasks[0], [[make() for make in task.measures] for task in tasks]
     env = make_environment(json.loads(first.settings), len(tasks), policies.actions_of(first.policy))
-    observers = [[one.observe for one in of_task] for of_task in measures]
     period = 0.0 if first.whole else SAMPLE_PERIOD
     episodes = run_policy(first.policy, env, [task.seed for task in tasks], first.settings, observers, period)
-    for episode, of_task in zip(episodes, measures):
-        for one in of_task:
-            episode.notes.update(one.result(episode))
     return [one.arrays() for one in episodes]
 
 

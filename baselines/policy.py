@@ -31,6 +31,15 @@ def best(scores: ArrayLike) -> Actions:
     return np.where(stay_ties, scores.shape[-1] - 1, scores.argmax(axis=-1))
 
 
+def actions_in(space: gym.Space, chosen: Actions) -> NDArray[Any]:
+    """Motions and gazes (B, 2) as actions of a space: pairs, indices (B,) or points (B, 4)."""
+    if isinstance(space, gym.spaces.Discrete):
+        return chosen[:, 0] * len(Gaze) + chosen[:, 1]
+    if isinstance(space, gym.spaces.Box):
+        return COMMANDS[chosen[:, 0], chosen[:, 1]].astype(np.float32)
+    return chosen
+
+
 class Policy(ABC):
     """A policy that computes its action from the belief of the environment to which it is bound.
 
@@ -42,11 +51,9 @@ class Policy(ABC):
 
     def __init__(self, env: Environment) -> None:
         self.env = core_of(env)
-        space = getattr(env, "single_action_space", env.action_space)
+        self.space: gym.Space = getattr(env, "single_action_space", env.action_space)
         self.batched = hasattr(self.env, "num_envs")
         self.num_envs: int = getattr(self.env, "num_envs", 1)
-        self.discrete = isinstance(space, gym.spaces.Discrete)
-        self.continuous = isinstance(space, gym.spaces.Box)
         self.motion: Actions = np.full(self.num_envs, Motion.STAY, dtype=np.int64)
 
     @abstractmethod
@@ -81,11 +88,7 @@ class Policy(ABC):
                 f"observation: of shape {shape}, {batch} environment(s); allowed: the {self.num_envs} "
                 "to which the policy is bound"
             )
-        actions = self.decide()
-        if self.discrete:
-            actions = actions[:, 0] * len(Gaze) + actions[:, 1]
-        if self.continuous:
-            actions = COMMANDS[actions[:, 0], actions[:, 1]].astype(np.float32)
+        actions = actions_in(self.space, self.decide())
         return (actions if len(shape) > 1 else actions[0]), state
 
     def motion_starts(self) -> NDArray[np.bool_]:

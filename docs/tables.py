@@ -3,6 +3,7 @@
 import ast
 import dataclasses
 import inspect
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,10 +11,17 @@ from typing import Any
 from activeslam_gym import ActiveSLAMEnv, config
 from activeslam_gym.envs.reward import REWARDS
 from agents.learn import weights
-from agents.tools.sections import put_section, sections_of
+from agents.tools.sections import put_section
 
 DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
+
+
+def sections_of(page: Path) -> dict[str, str]:
+    """Name → text of the generated sections of a page, those without a text left out."""
+    marks = r"<!-- generated: ([\w-]+) -->(.*?)<!-- end: \1 -->"
+    found = re.finditer(marks, page.read_text(encoding="utf-8"), re.DOTALL)
+    return {one[1]: one[2] for one in found if one[2].strip()}
 
 
 def specification() -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from activeslam_gym.config import benchmark_seed, scenario_from
-from activeslam_gym.evaluation import Episode, Measure, Store
+from activeslam_gym.evaluation import Episode, Store
 from agents.task import Task, check, results
 from agents.tools.arguments import SEEDS, Workers, command_line, made_scenario, scenario_argument, within
 from agents.tools.files import writable_folder
@@ -56,7 +56,7 @@ class Study(Page, Workers):
     def __post_init__(self) -> None:
         Page.__post_init__(self)
         Workers.__post_init__(self)
-        within(self, episodes=(1, 10**6), **({"seed": SEEDS} if hasattr(self, "seed") else {}))
+        within(self, episodes=(1, 10**6), seed=SEEDS)
         if self.out:
             writable_folder("out", self.out)
 
@@ -82,7 +82,7 @@ def settings_of(scenario: str, arguments: dict[str, Any] | None = None, **fields
     return json.dumps({"scenario": asdict(replace(made, **fields)), **(arguments or {})}, sort_keys=True)
 
 
-def tasks(policy: str, settings: str, seed: int, count: int, *measures: type[Measure]) -> list[Task]:
+def tasks(policy: str, settings: str, seed: int, count: int, *measures: type[Any]) -> list[Task]:
     """A task for each of ``count`` episodes from ``seed`` on."""
     return [Task(policy, one, settings, measures=measures) for one in range(seed, seed + count)]
 

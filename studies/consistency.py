@@ -19,9 +19,9 @@ from scipy.stats import chi2
 from activeslam_gym import config
 from activeslam_gym.evaluation import Episode
 from agents.figures import grid_of_panels, legend_below, save_figure
+from agents.summary import TAILS, Aggregate, aggregate, bootstrap_interval
 from agents.tools.files import write_csv
 from agents.tools.sections import table
-from agents.tools.statistics import TAILS, Aggregate, aggregate, bootstrap_interval
 from studies import Study, run, settings_of, tasks
 from studies.measures import Matches, mean_nees, nees
 

@@ -17,9 +17,9 @@ import numpy as np
 import baselines
 from agents.figures import grid_of_panels, legend_below, save_figure
 from agents.learn.recipe import CURVE
+from agents.summary import Aggregate, aggregate
 from agents.tools.files import reading
 from agents.tools.sections import table
-from agents.tools.statistics import Aggregate, aggregate
 from studies import Study, run
 
 HEADER = ("scenario", "learner", "seeds", "decisions to reach the best baseline", "log score at the end", "failures, %")

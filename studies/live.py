@@ -17,9 +17,9 @@ from activeslam_gym.evaluation import Store
 from activeslam_gym.evaluation.store import Arrays
 from activeslam_gym.live.source import FOLLOW, HABITS, NEVER, STILL
 from activeslam_gym.live.trial import Second, trial
+from agents.summary import Column
 from agents.tools.arguments import within
 from agents.tools.sections import table
-from agents.tools.statistics import Column
 from studies import Study, run
 
 PERSONS = {FOLLOW: "follows", NEVER: "random", STILL: "stays"}

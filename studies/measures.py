@@ -19,7 +19,7 @@ class Matches:
 
     matches = 0
 
-    def observe(self, core: Any, info: dict[str, Any]) -> None:
+    def __call__(self, core: Any, info: dict[str, Any]) -> None:
         """Count the matches of a step."""
         if core.time > 0.0:
             self.matches += round(core.gaze_period / core.scenario.frame_time) * len(matched_ids(core))
@@ -39,7 +39,7 @@ class Loops:
         self._loops, self._closed, self._fiducials = LoopClosures(), [0], [0]
         self._times, self._log2_det = list[float](), list[float]()
 
-    def observe(self, core: Any, info: dict[str, Any]) -> None:
+    def __call__(self, core: Any, info: dict[str, Any]) -> None:
         """Count the closures and the fiducials of a step."""
         self._times.append(core.time)
         self._log2_det.append(info["log2_det"]["camera"])
@@ -63,16 +63,12 @@ class Loops:
 
 
 class WithoutExpected:
-    """Moves the expected landmarks to where no camera sees them, so that no score counts them; no result."""
+    """Moves the expected landmarks to where no camera sees them, so that no score counts them."""
 
-    def observe(self, core: Any, info: dict[str, Any]) -> None:
+    def __call__(self, core: Any, info: dict[str, Any]) -> None:
         """Move them after the reset."""
         if core.time == 0.0:
             core.expect(np.tile((0.0, -1000.0, 0.0), (core.scenario.landmark_count, 1)))
-
-    def result(self, episode: Episode) -> dict[str, Any]:
-        """Nothing."""
-        return {}
 
 
 def at_target(runs: Sequence[Episode], name: str, otherwise: float) -> np.ndarray:

@@ -13,16 +13,16 @@ from pathlib import Path
 import numpy as np
 
 from activeslam_gym import Motion
-from activeslam_gym.evaluation import Episode, Measure
+from activeslam_gym.evaluation import Episode
 from agents import figures
-from agents.tools.arguments import positive
+from agents.summary import aggregate
+from agents.tools.arguments import within
 from agents.tools.sections import table
-from agents.tools.statistics import aggregate
 from studies import Study, measures, run, settings_of, tasks
 from studies.measures import CHANCE, LATERAL, MINUTE, at_target, noted, share, unless_lost
 
 STRATEGIES = {"(i)": "mi-constant", "(ii)": "mi-mi", "(iii)": "mi-fisher"}
-CONDITIONS: dict[str, tuple[str, str, float, tuple[type[Measure], ...]]] = {  # policy, scenario, duration [s], measures
+CONDITIONS: dict[str, tuple[str, str, float, tuple[type, ...]]] = {  # policy, scenario, duration [s], measures
     **{name: (policy, "paper", 35.0, (measures.Loops,)) for name, policy in STRATEGIES.items()},
     **{f"{name} 2006": (policy, "paper-2006", 35.0, ()) for name, policy in STRATEGIES.items()},
     "fisher": ("fisher-fisher", "paper", 35.0, ()),
@@ -97,7 +97,7 @@ class Args(Study):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        positive(self, "seconds")
+        within(self, seconds=(0.05, 1e6))
 
 
 def play(args: Args) -> tuple[Runs, Runs]:

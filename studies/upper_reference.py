@@ -16,9 +16,9 @@ import gymnasium as gym
 import numpy as np
 
 from activeslam_gym.config import benchmark_seed, scenario_from
+from agents.summary import aggregate
 from agents.tools.files import write_csv
 from agents.tools.sections import table
-from agents.tools.statistics import aggregate
 from studies import Study, run
 
 SAMPLES, ELITE, GENERATIONS = 64, 8, 12

@@ -18,13 +18,11 @@ from scipy.spatial.transform import Rotation
 
 import baselines
 from activeslam_gym.evaluation import Episode, Store, outcome, run_episode
-from activeslam_gym.evaluation.play import _rotation_offset
 from activeslam_gym.files import written_whole
 from agents import policies
 from agents import task as tasks
 from agents.__main__ import main
 from agents.compare import Args, compare
-from agents.figures import quaternion_error
 from agents.summary import summarise
 from agents.task import Task, play_tasks
 from agents.tools.files import write_csv, write_json
@@ -43,7 +41,7 @@ def episode(policy: str = "stay", seed: int = 0, bits: float = 10.0, **changes: 
     times = np.arange(5) * 0.5
     mapped = np.array([0, 0, 1, 1, 1])
     values: dict[str, Any] = {name: np.ones(5) for name in SAMPLED}
-    values |= {name: np.zeros((5, 3)) for name in SAMPLED if name.endswith(("_offset", "_std", "_position"))}
+    values |= {name: np.zeros((5, 3)) for name in SAMPLED if name.endswith(("_std", "_position"))}
     values |= {name: np.tile([1.0, 0, 0, 0], (5, 1)) for name in ("true_quaternion", "estimated_quaternion")}
     values |= {"policy": policy, "seed": seed, "settings": "{}", "lost": False}
     values |= {"room_size": np.array([6.0, 2.0, 6.0]), "true_landmarks": np.zeros((3, 3)), "fiducials": np.ones((6, 3))}
@@ -86,9 +84,9 @@ def test_rotation_offset_takes_the_estimate_to_the_truth() -> None:
     estimated = Rotation.random(5, random_state=1)
     offset = np.random.default_rng(2).normal(scale=0.1, size=(5, 3))
     true = Rotation.from_rotvec(offset) * estimated
-    found = _rotation_offset(*(np.roll(R.as_quat(), 1, axis=-1) for R in (true, estimated)))
+    quaternions = dict(zip(("true_quaternion", "estimated_quaternion"), (true.as_quat(), estimated.as_quat())))
+    found = episode(**{name: np.roll(q, 1, axis=-1) for name, q in quaternions.items()}).rotation_offset
     np.testing.assert_allclose(found, offset, atol=1e-12)
-    np.testing.assert_allclose(quaternion_error(offset), Rotation.from_rotvec(offset).as_quat()[:, :3], atol=1e-12)
 
 
 def test_differences_are_within_rooms_against_the_reference_and_the_highest_log_score() -> None:

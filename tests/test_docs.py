@@ -20,8 +20,7 @@ from activeslam_gym.envs.reward import REWARDS
 from activeslam_gym.information import CRITERIA
 from agents.__main__ import COMMANDS
 from agents.learn import weights
-from agents.tools.sections import sections_of
-from docs.tables import TABLES
+from docs.tables import TABLES, sections_of
 from examples import fisher_trace
 from tests.support import python
 

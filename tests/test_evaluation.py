@@ -20,7 +20,7 @@ class Counted:
     def __init__(self) -> None:
         self.looks = 0
 
-    def observe(self, core: Any, info: dict[str, Any]) -> None:
+    def __call__(self, core: Any, info: dict[str, Any]) -> None:
         self.looks += 1
 
     def result(self, episode: Episode) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from activeslam_gym.information.candidates import motion_plans, score_plans
 from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.metrics import CLOSURE_GAP, LoopClosures
 from agents import task as tasks
-from agents.tools.statistics import aggregate
+from agents.summary import aggregate
 from studies import consistency, learning, measures, paper, upper_reference
 from studies.removals import REMOVALS
 from studies.worth import compared
@@ -119,7 +119,7 @@ def test_numbers_of_made_up_episodes() -> None:
 
 def test_the_drop_at_a_closure_is_against_the_second_before() -> None:
     env, loops = environment(4.0), measures.Loops()
-    run = run_episode(env, baselines.make("stay", env), seed=5, observers=[loops.observe])
+    run = run_episode(env, baselines.make("stay", env), seed=5, observers=[loops])
     assert 0.0 < loops.result(run)["fiducials"] <= env.unwrapped.scenario.fiducial_count
     steps, closed = len(run.actions), 40
     slopes = np.where(np.arange(steps) < closed, -1.0, -3.0)  # bits a step, before and from the closure on
@@ -138,7 +138,7 @@ def test_expected_landmarks_that_no_camera_sees_are_in_no_score() -> None:
     env.reset(seed=5)
     core = env.unwrapped
     before = core.motion_scores("mutual_information")
-    measures.WithoutExpected().observe(core, {})
+    measures.WithoutExpected()(core, {})
     models, whole = core.setting.models, core.predicted_belief
     size = len(whole.covariance) - 3 * whole.waiting
     P = whole.covariance[:size, :size].copy()

@@ -44,9 +44,7 @@ class Episode:
     position_nees: Array  # (T,)
     orientation_nees: Array  # (T,)
     landmark_nees: Array  # (T,) mean over the mapped landmarks; NaN before there are any
-    position_offset: Array  # (T, 3) true − estimated [m]
     position_std: Array  # (T, 3) [m]
-    rotation_offset: Array  # (T, 3) δθ of R_true = Exp(δθ) R_estimated, in the world frame [rad]
     rotation_std: Array  # (T, 3) [rad]
     true_position: Array  # (T, 3) [m]
     true_quaternion: Array  # (T, 4)
@@ -69,6 +67,21 @@ class Episode:
 
     events: dict[str, Array] = field(default_factory=dict)  # of `info["events"]`: (K,) how often in each step
     notes: dict[str, Array] = field(default_factory=dict)  # what measures add, by name
+
+    @property
+    def position_offset(self) -> Array:
+        """True − estimated position (T, 3) [m]."""
+        return self.true_position - self.estimated_position
+
+    @property
+    def rotation_offset(self) -> Array:
+        """δθ (T, 3) of R_true = Exp(δθ) R_estimated, in the world frame [rad]."""
+        from scipy.spatial.transform import Rotation
+
+        true, estimated = (
+            Rotation.from_quat(np.roll(q, -1, -1)) for q in (self.true_quaternion, self.estimated_quaternion)
+        )
+        return (true * estimated.inv()).as_rotvec()
 
     @property
     def gain(self) -> float:

@@ -19,9 +19,9 @@ Observer = Callable[[Any, dict[str, Any]], None]
 
 
 class Measure(Protocol):
-    """Looks at one episode, and then adds to its record what the record does not have: `Episode.notes`."""
+    """An observer of one episode that has a `result`, which is added to the record: `Episode.notes`."""
 
-    def observe(self, core: Any, info: dict[str, Any]) -> None:
+    def __call__(self, core: Any, info: dict[str, Any]) -> None:
         """See `Observer`."""
 
     def result(self, episode: Episode) -> dict[str, Any]:
@@ -92,8 +92,8 @@ def play(
     """Play the episodes of ``seeds`` with ``policy`` in ``env``: one, or a batch, to the bit the same.
 
     ``policy``: bound to ``env``, or a function ``policy(env)`` that returns an action, or a policy.
-    ``observers``: of each episode. ``period``: time between samples [s], every step if 0; start and end are always
-    sampled.
+    ``observers``: of each episode; a `Measure` is one. ``period``: time between samples [s], every step if 0; start and
+    end are always sampled.
 
     Raises:
         ValueError: the seeds are not as many as the environments, or those do not end together.
@@ -167,7 +167,7 @@ class _Recorder:
         for i, (core, seed) in enumerate(zip(self._rows, seeds)):
             firsts = np.searchsorted(np.maximum.accumulate(mapped[:, i]), np.arange(mapped[:, i].max()) + 1)
             record: dict[str, Any] = {
-                **_stacked(self._samples[i]),
+                **{key: np.array([one[key] for one in self._samples[i]]) for key in self._samples[i][0]},
                 **{"actions": actions[:, i], "motion_read": reads[:, i], "rewards": rewards[:, i]},
                 "decision_us": decisions,
                 **{"landmark_times": times[firsts], "landmark_log2_det": log2_det[firsts, i]},
@@ -176,12 +176,16 @@ class _Recorder:
                 "events": {key: count[:, i] for key, count in events.items()},
                 "room_size": np.array(core.scenario.room_size, dtype=float),
             }
-            records.append(Episode(policy=name, seed=seed, settings=settings, **record))
+            episode = Episode(policy=name, seed=seed, settings=settings, **record)
+            for measure in self._observers[i]:
+                if hasattr(measure, "result"):
+                    episode.notes.update(measure.result(episode))
+            records.append(episode)
         return records
 
 
 def _sample(core: Any, info: dict[str, Any]) -> dict[str, Any]:
-    """The record of one time; `_stacked` adds the offsets, for all times at once."""
+    """The record of one time."""
     belief, truth, nees = core.belief, core.truth, core.nees()
     std = np.sqrt(np.maximum(belief.covariance.diagonal()[:6], 0.0))
     copied = ("entropy", "log_score", "landmarks_mapped", "distinct_landmarks", "position_error", "orientation_error")
@@ -198,23 +202,6 @@ def _sample(core: Any, info: dict[str, Any]) -> dict[str, Any]:
         "estimated_position": belief.position,
         "estimated_quaternion": belief.quaternion,
     }
-
-
-def _stacked(samples: list[dict[str, Any]]) -> dict[str, Array]:
-    """One array per name over time, and the offsets."""
-    arrays = {name: np.array([sample[name] for sample in samples]) for name in samples[0]}
-    return arrays | {
-        "position_offset": arrays["true_position"] - arrays["estimated_position"],
-        "rotation_offset": _rotation_offset(arrays["true_quaternion"], arrays["estimated_quaternion"]),
-    }
-
-
-def _rotation_offset(true: Array, estimated: Array) -> Array:
-    """δθ (T, 3) of R_true = Exp(δθ) R_estimated, from quaternions (T, 4), scalar first."""
-    from scipy.spatial.transform import Rotation
-
-    R_true, R_estimated = (Rotation.from_quat(np.roll(q, -1, axis=-1)) for q in (true, estimated))
-    return (R_true * R_estimated.inv()).as_rotvec()
 
 
 def _final(core: Any) -> dict[str, Array]:

@@ -19,9 +19,8 @@ from agents import task
 from agents.learn.learner import dimensions, save_learner, weights_of
 from agents.learn.recipe import CHECKPOINT, CURVE, WEIGHTS, Args, Recipe, trained_scenario
 from agents.learn.weights import FLOOR, card_of, read_card, save
-from agents.summary import Summary, summarise, text
+from agents.summary import Summary, interquartile_mean, summarise, text
 from agents.tools.files import write_json
-from agents.tools.statistics import interquartile_mean
 
 LAST_ENTROPY = 0.1  # the entropy bonus's last value, relative to its first
 REFERENCES = ("best-constant", "mi-constant", "mi-fisher")

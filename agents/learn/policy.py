@@ -15,9 +15,9 @@ from torch import nn
 
 from activeslam_gym import Gaze, Motion, ObservationLayout, core_of, observation_layout
 from activeslam_gym.config import whole_multiple
-from activeslam_gym.motion import COMMANDS, nearest_gaze, nearest_motion
+from activeslam_gym.motion import nearest_gaze, nearest_motion
 from agents.learn.inputs import Inputs
-from baselines.policy import Environment
+from baselines.policy import Environment, actions_in
 
 TOKEN_WIDTH = 64  # most units of the hidden layer of tokens in new networks
 
@@ -109,11 +109,7 @@ class LearnedPolicy:
             decided = self._decide(self._inputs(observations[due], context), deterministic)
             state = np.zeros((len(observations), decided.shape[1]), decided.dtype) if state is None else state.copy()
             state[due] = decided
-        actions = state
-        if isinstance(self._space, spaces.Discrete):
-            actions = len(Gaze) * state[:, 0] + state[:, 1]
-        elif isinstance(self._space, spaces.Box) and state.shape[1] == 2:
-            actions = COMMANDS[state[:, 0], state[:, 1]].astype(np.float32)
+        actions = state if state.shape[1] == 4 else actions_in(self._space, state)
         return (actions[0] if np.ndim(observation) == 1 else actions.copy()), state
 
     def _decide(self, inputs: np.ndarray, deterministic: bool) -> np.ndarray:

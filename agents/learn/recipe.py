@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from activeslam_gym.config import IMAGE_SCENARIOS, SCENARIOS, Scenario, scenario_from, whole_multiple
-from agents.tools.arguments import made_scenario, positive, scenario_argument, within
+from agents.tools.arguments import made_scenario, scenario_argument, within
 
 Algorithm = Literal["ppo", "a2c", "dqn", "sac"]
 CHECKPOINT, WEIGHTS, CURVE = "checkpoint.zip", "policy.npz", "curve.csv"  # files of a training
 EVERY = "all"
 REPLICATIONS = ("paper-literal", "paper-2006")
 """Named scenarios that are not among all: they repeat the paper's numbers."""
+LEAST = 1e-12  # of a number that must be positive
 ALGORITHMS: tuple[Algorithm, ...] = get_args(Algorithm)
 
 
@@ -80,9 +81,9 @@ class Recipe:
 
     def check(self) -> None:
         """Raises ValueError for a bad argument; the message names it, its value and what is allowed."""
-        positive(self, "decision_period", "gamma", *(["duration"] if self.duration is not None else []))
-        positive(self, "learning_rate", "reward_scale", "reward_clip", "lost_penalty_weight", "target_kl")
-        within(self, gamma=(0.0, 1.0), learning_rate=(0.0, 1.0), entropy_bonus=(0.0, 1e3), seed=(0, 2**31 - 1))
+        within(self, decision_period=(LEAST, 1e6), duration=(LEAST, 1e6), reward_scale=(LEAST, 1e9))
+        within(self, reward_clip=(LEAST, 1e9), lost_penalty_weight=(LEAST, 1e9), target_kl=(LEAST, 1e9))
+        within(self, gamma=(LEAST, 1.0), learning_rate=(LEAST, 1.0), entropy_bonus=(0.0, 1e3), seed=(0, 2**31 - 1))
         within(self, warm_start=(0.0, 0.99), total_steps=(1, 2**40), epochs=(1, 1000))
         within(self, num_envs=(1, 2**16), width=(1, 2**13))
         for scenario in map(scenario_of, self.scenarios):

@@ -88,7 +88,7 @@ class Args(Workers):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        within(self, **({} if self.episodes is None else {"episodes": (1, 10**6)}))
+        within(self, episodes=(1, 10**6))
         given(self, "name", "policies")
         check_name(self.name)
         if not self.note.isprintable():

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from agents.suite import enter
 from agents.suite.enter import Entry
 from agents.suite.manifest import Suite, suite
+from agents.summary import FEWEST, RESAMPLES, TAILS, Aggregate, aggregate, interquartile_mean
 from agents.tools.arguments import Pages, command_line
 from agents.tools.sections import Table, publish, put_section
-from agents.tools.statistics import FEWEST, RESAMPLES, TAILS, Aggregate, aggregate, interquartile_mean
 
 Array = NDArray[np.float64]
 SECTION, SHORT = "leaderboard", "board"  # sections of pages: all tables, and a few rows and columns of the first

@@ -1,7 +1,6 @@
 """Arguments that commands share, and their checks; a ValueError names the argument, its value and the allowed ones."""
 
 import json
-import math
 import os
 import shlex
 from dataclasses import asdict, dataclass, field, fields
@@ -83,17 +82,11 @@ def command_line(module: str, args: Any) -> str:
 
 
 def within(args: Any, **bounds: tuple[float, float]) -> None:
-    """Raise ValueError where an argument lies outside its bounds."""
+    """Raise ValueError where an argument lies outside its bounds; one that is None, or absent, does not."""
     for name, (low, high) in bounds.items():
-        if not low <= getattr(args, name) <= high:
-            raise ValueError(f"{name}: {getattr(args, name)!r}; allowed: {low} to {high}")
-
-
-def positive(args: Any, *names: str) -> None:
-    """Raise ValueError where an argument is not above zero, or not finite."""
-    for name in names:
-        if not 0 < getattr(args, name) < math.inf:
-            raise ValueError(f"{name} must be positive and finite, got {getattr(args, name)!r}")
+        value = getattr(args, name, None)
+        if value is not None and not low <= value <= high:
+            raise ValueError(f"{name}: {value!r}; allowed: {low} to {high}")
 
 
 def given(args: Any, *names: str) -> None:

@@ -75,15 +75,6 @@ def put_section(path: Path, name: str, text: str) -> bool:
     return count > 0
 
 
-def sections_of(path: Path) -> dict[str, str]:
-    """Name → text of the generated sections of a page, those without a text left out.
-
-    Raises ValueError if there is no such page.
-    """
-    found = re.finditer(r"<!-- generated: ([\w-]+) -->(.*?)<!-- end: \1 -->", _text(path), re.DOTALL)
-    return {one[1]: one[2] for one in found if one[2].strip()}
-
-
 def page_with(path: Path, *names: str) -> None:
     """Raise ValueError where there is no such page, or it cannot be written, or has none of these sections."""
     if not any(_between_marks(name).search(_text(path)) for name in names):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from agents.tools.statistics import Aggregate, aggregate, paired_rmse
+from agents.summary import Aggregate, aggregate, paired_rmse
 
 
 def test_the_bootstrap_of_an_interquartile_mean_holds_the_true_one_though_one_in_a_hundred_is_at_minus_6000() -> None:

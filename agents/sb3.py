@@ -20,7 +20,7 @@ from activeslam_gym import (
     ActiveSLAMVectorEnv,
     observation_layout,
 )
-from activeslam_gym.envs.episode import info_at
+from activeslam_gym.envs.info import info_at
 from agents.learn.inputs import Inputs, common_size
 
 Actions = Literal["pairs", "indices", "points"]

@@ -11,21 +11,17 @@ import numpy as np
 
 from activeslam_gym import Gaze, Motion, Scenario
 from activeslam_gym.camera import pixel_from_camera_point
+from activeslam_gym.envs.reset import empty_runs, reset_run
 from activeslam_gym.envs.run import Run, known_boxes, run_at
 from activeslam_gym.envs.setting import resolve
-from activeslam_gym.envs.simulation import (
-    begin_motion,
-    empty_runs,
-    measure,
-    reset_run,
-    simulate,
-    update_estimate,
-)
+from activeslam_gym.envs.step import estimate, judge, measure, read_command, simulate
 from activeslam_gym.kernels import compiled, row
 from activeslam_gym.motion import CAMERA_DIM
+from activeslam_gym.slam.association import associate
 from activeslam_gym.slam.belief import POINT, start_of
-from activeslam_gym.slam.frame import filter_frame
-from activeslam_gym.slam.map import append_feature
+from activeslam_gym.slam.kalman import predict, update
+from activeslam_gym.slam.map import append_feature, convert_and_delete, count_misses, initialise
+from activeslam_gym.slam.sight import sight_of_belief
 
 Call = Callable[[], Any]
 TURN = 50
@@ -115,7 +111,7 @@ def mapped_runs(landmarks: int) -> Run:
     A = 0.01 * rng.standard_normal((dim, 3 * dim)) / np.sqrt(3 * dim)
     run.ekf.covariance[:dim, :dim] = A @ A.T
     run.episode.detection_count = SEEN
-    run.detections["id"][:SEEN] = run.ekf.feature["serial"][:SEEN]
+    run.detections["id"][:SEEN] = run.ekf.feature["id"][:SEEN]
     for y, pixel in zip(points, run.detections["pixel"][:SEEN]):
         pixel_from_camera_point(runs.models[0].camera, y, pixel)
     return runs
@@ -136,19 +132,28 @@ def whole_frames(runs: Run, command: np.ndarray, frames: int) -> None:
     ``command`` (4,) as in `motion.COMMANDS`.
     """
     run = run_at(runs, 0, runs.estimate.covariance[0])
-    begin_motion(run, command, np.inf)
+    read_command(run, command, np.inf)
     for frame in range(frames):
         u, contact = simulate(run, command[3])
-        update_estimate(run, u, contact, measure(run), frame == frames - 1)
+        estimate(run, u, contact, measure(run), frame == frames - 1)
+        judge(run)
 
 
 @compiled
 def filter_frames(runs: Run, frames: int) -> None:
     """So many times the filter's frame alone, of the first of ``runs``, by its candidates, whose ids are certain."""
     run = run_at(runs, 0, runs.estimate.covariance[0])
-    detections, u, boxes = run.detections[: run.episode.detection_count], np.zeros(6), known_boxes(run)
+    models, belief, fiducials, boxes = run.models, run.ekf, run.world.fiducials, known_boxes(run)
+    constants, events, u = models.filter.initialisation, run.episode.events, np.zeros(6)
+    detections = run.detections[: run.episode.detection_count]
     for _ in range(frames):
-        filter_frame(run.models, run.ekf, run.world.fiducials, boxes, u, detections, True, run.episode.events)
+        predict(models.motion, belief, u, models.motion.dt, False)
+        sight = sight_of_belief(models.camera, belief, fiducials, boxes)
+        matches = associate(models, belief, boxes, sight, detections, True, events)
+        count_misses(constants, belief, fiducials.shape[0], sight, matches)
+        update(models, belief, fiducials, sight, matches, detections, events)
+        convert_and_delete(constants, belief, events)
+        initialise(models, belief, detections, events)
 
 
 def demand_matches(runs: Run, landmarks: int) -> None:

@@ -21,8 +21,7 @@ from activeslam_gym.camera import camera_of, ray_from_pixel
 from activeslam_gym.evaluation import run_episode
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.motion import motion_of, transition
-from activeslam_gym.slam.estimate import Estimate
-from activeslam_gym.slam.estimator import NO_MATCH, Measurements
+from activeslam_gym.slam.estimate import NO_MATCH, Estimate, Measurements
 from examples.extend_estimator import point_of
 
 THRESHOLD = 0.02  # a variable that has moved by more [m, rad, 1/m] is linearised again

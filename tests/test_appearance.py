@@ -9,7 +9,7 @@ from activeslam_gym.config import DEPTH_PARTICLES, Scenario
 from activeslam_gym.slam.appearance import appearance_of, associate_identified
 from activeslam_gym.slam.detection import DETECTION, REJECTED, UNASSOCIATED
 from activeslam_gym.slam.filter import Filter, detections_of
-from activeslam_gym.slam.sight import INSIDE, MAP_POINT, Sight
+from activeslam_gym.slam.sight import INSIDE, PREDICTED, Sight
 
 MODEL = appearance_of(Scenario())
 PAPER = Scenario()
@@ -22,7 +22,7 @@ PIXELS = np.array([[80.0, 80.0], [240.0, 80.0], [160.0, 200.0], [100.0, 180.0]])
 
 def sight_of_a_turn(z_hat: np.ndarray) -> Sight:
     """Predictions 1, 2, … at ``z_hat`` (n, 2) that all move with the camera: 10 px together, 1 px each."""
-    points = np.zeros(len(z_hat), MAP_POINT)
+    points = np.zeros(len(z_hat), PREDICTED)
     points["id"], points["z_hat"], points["visibility"] = 1 + np.arange(len(z_hat)), z_hat, INSIDE
     points["R"] = np.eye(2)
     S = np.kron(np.ones((len(z_hat), len(z_hat))), 100.0 * np.eye(2)) + np.eye(2 * len(z_hat))

@@ -42,7 +42,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "registry",
         "metrics",
         "motion",
-        "envs.episode",
+        "envs.info",
         "__init__",
     },  # reads environments through their public surface
     "live": MATHEMATICS | {"files", "metrics", "slam", "information", "vision"},
@@ -70,7 +70,7 @@ PUBLIC = {
 }
 """What the upper floors read of ``activeslam_gym``, beside the names of the package itself."""
 
-BEHIND: dict[str, set[str]] = {"agents.sb3": {"envs.episode"}}
+BEHIND: dict[str, set[str]] = {"agents.sb3": {"envs.info"}}
 """Exceptions from ``PUBLIC``: the batch for SB3, which takes `infos` apart."""
 
 

@@ -58,7 +58,7 @@ def assert_well_laid(belief: Belief) -> None:
     widths = [KIND_DIM[kind] for kind in features["kind"]]
     assert features["start"].tolist() == [CAMERA_DIM + sum(widths[:k]) for k in range(len(widths))]
     assert belief.state.dim == CAMERA_DIM + sum(widths)
-    assert (np.diff(features["serial"]) > 0).all() and (features["serial"] <= belief.state.serial).all()
+    assert (np.diff(features["id"]) > 0).all() and (features["id"] <= belief.state.initialised).all()
     assert len(set(features["slot"]) & set(range(len(belief.feature)))) == len(features)
     P = joint_covariance(belief)
     np.testing.assert_array_equal(P, P.T)
@@ -165,8 +165,8 @@ def test_a_full_belief_says_so_and_a_slot_is_used_again() -> None:
     first = belief.feature[0].copy()
     remove_feature(belief, 0)
     again = belief.feature[append(belief, POINT)]
-    assert again.slot == first.slot and again.serial > first.serial
-    assert features_of(belief)["serial"].tolist()[-1] == again.serial
+    assert again.slot == first.slot and again.id > first.id
+    assert features_of(belief)["id"].tolist()[-1] == again.id
     assert_well_laid(belief)
 
 

@@ -41,7 +41,7 @@ def look(expected: np.ndarray, poses: list[np.ndarray], probability: float = 1.0
 def test_what_stood_long_enough_well_inside_is_expected_elsewhere() -> None:
     at = (0.0, 0.0, 2.0), (0.0, 0.0, -2.0), (0.0, 0.0, 2.5)
     expected = expectation(*at)
-    expected["serial"][2] = 9  # a feature has retired it
+    expected["feature"][2] = 9  # a feature has retired it
     look(expected, [POSE] * 4)
     np.testing.assert_array_equal(expected["point"], at)
     assert look(expected, [POSE] * 4) == 1
@@ -103,5 +103,5 @@ def test_only_expected_points_move() -> None:
         redraws.append(expected["redraws"].sum())
         assert (np.any(expected["point"] != before, axis=1) == (expected["redraws"] > 0)).all()
     assert told[0] == told[1] and redraws[0] == 0 and redraws[1] > 3
-    waiting = expected[expected["serial"] == WAITING]
+    waiting = expected[expected["feature"] == WAITING]
     assert sum(inside(simulation_of(env).estimate.state.camera, y) for y in waiting["point"]) <= 1

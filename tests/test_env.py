@@ -12,8 +12,8 @@ from gymnasium.utils.env_checker import check_env
 import activeslam_gym
 from activeslam_gym import SCENARIOS, Gaze, Motion
 from activeslam_gym.envs.actions import INDICES, PAIRS, POINTS, Encoding
-from activeslam_gym.envs.episode import BEGIN
 from activeslam_gym.envs.reward import REWARDS
+from activeslam_gym.envs.step import BEGIN
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.motion import COMMANDS
 from tests.record_frozen import numbers

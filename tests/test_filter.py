@@ -9,24 +9,17 @@ from scipy.linalg import block_diag
 from activeslam_gym.config import INVERSE_DEPTH as BY_INVERSE_DEPTH
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import so3_left_jacobian
-from activeslam_gym.kernels import filled, record, uncompiled
+from activeslam_gym.kernels import filled, record
 from activeslam_gym.motion import MOTION, motion_of
-from activeslam_gym.slam.association import associate
+from activeslam_gym.slam.appearance import use_identified
+from activeslam_gym.slam.association import associate, match_by_id, match_unknown
 from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, RAY, fiducial_id
 from activeslam_gym.slam.depth_particles import follow_rays, predict_rays
-from activeslam_gym.slam.detection import NEW, REJECTED, UNASSOCIATED
-from activeslam_gym.slam.filter import detections_of
-from activeslam_gym.slam.frame import (
-    COUNTS,
-    FILTER,
-    filter_frame,
-    filter_of,
-    match_by_id,
-    use_detections,
-    use_identified,
-)
-from activeslam_gym.slam.kalman import predict, update_contact
-from activeslam_gym.slam.map import convert_to_point
+from activeslam_gym.slam.detection import NEW, REJECTED, UNASSOCIATED, WAITS
+from activeslam_gym.slam.filter import COUNTS, FILTER, detections_of, filter_of
+from activeslam_gym.slam.kalman import predict
+from activeslam_gym.slam.kalman import update as update_by_matches
+from activeslam_gym.slam.map import convert_and_delete, convert_to_point, count_misses, initialise
 from activeslam_gym.slam.sight import IMAGE_PRODUCT_FRAMES, INSIDE, PRODUCT_FRAMES
 from tests import support
 from tests.support import CAMERA, NO_BOXES, PAPER, copied, dense_H, joint_covariance, random_belief, sight_of, update
@@ -52,6 +45,16 @@ def counters():
 def detections_at(pixels, **given):
     """Detections with the camera's own noise, where nothing else is ``given``."""
     return detections_of(pixels, **{"R": R_PAPER, **given})
+
+
+def use(models, belief, fiducials, boxes, sight, detections, labelled: bool = False):
+    """Associate and update, as a frame does; the counters."""
+    counts, constants = counters(), models.filter.initialisation
+    matches = associate(models, belief, boxes, sight, detections, labelled, counts)
+    count_misses(constants, belief, len(fiducials), sight, matches)
+    update_by_matches(models, belief, fiducials, sight, matches, detections, counts)
+    convert_and_delete(constants, belief, counts)
+    return counts
 
 
 def assert_updated(belief, before, H, R, nu) -> None:
@@ -95,7 +98,7 @@ def test_every_detection_is_used_with_its_own_noise() -> None:
     nu, own = rng.standard_normal((3, 2)), np.array([support.random_spd(rng, [0.5, 2.0]) for _ in matched])
     own[2] = 100.0 * R_PAPER
     detections = detections_of(sight.point["z_hat"][matched] + nu, own, sight.point["id"][matched])
-    use_detections(models_of(PAPER), belief, fiducials, NO_BOXES, sight, detections, True, counters())
+    use(models_of(PAPER), belief, fiducials, NO_BOXES, sight, detections, True)
     order = np.argsort(matched)
     H = dense_H(sight).reshape(5, 2, -1)[np.sort(matched)].reshape(6, -1)
     R = np.zeros((6, 6))
@@ -115,7 +118,7 @@ def test_a_product_of_errors_lasts_where_commands_or_fiducials_measure_the_way(k
     sight, before = sight_of(belief, places), copied(belief)
     nu = rng.standard_normal((fiducials + 3, 2))
     detections = detections_at(sight.point["z_hat"] + nu, ids=sight.point["id"])
-    use_detections(models, belief, places, NO_BOXES, sight, detections, True, counters())
+    use(models, belief, places, NO_BOXES, sight, detections, True)
     R = VAR * np.eye(2 * len(nu)) + frames * block_diag(*sight.point["curvature"])
     assert_updated(belief, before, dense_H(sight), R, nu.ravel())
 
@@ -148,7 +151,7 @@ def test_ekf_is_the_kalman_filter_where_the_model_is_linear() -> None:
     R = 0.01 * np.eye(2)
     for _ in range(20):
         u, z = rng.standard_normal(3), rng.standard_normal(2)
-        predict(motion, belief, np.concatenate((u, np.zeros(3))), dt)
+        predict(motion, belief, np.concatenate((u, np.zeros(3))), dt, False)
         x, P = F @ x + G @ u, F @ P @ F.T + sigma**2 * G @ G.T
         H_tangent = np.concatenate((H[:, :3], np.zeros((2, 9))), axis=1)
         HP = H_tangent @ belief.covariance[:12, :12]
@@ -162,12 +165,11 @@ def test_ekf_is_the_kalman_filter_where_the_model_is_linear() -> None:
 def match(belief, pixels, **given):
     """(M,) what the detections are matched to, and (v,) which predictions wait."""
     sight, detections = sight_of(belief), detections_at(pixels, **given)
-    waits = np.zeros(len(sight.point), np.bool_)
-    of_point = associate(MODEL.association, sight, detections, int(belief.state.count), waits)
-    for a, i in enumerate(of_point):
+    matches = match_unknown(MODEL.association, sight, detections, int(belief.state.count))
+    for a, i in enumerate(matches):
         assert i < 0 or detections[i]["match"] == sight.point[a]["id"]
-    assert sum(of_point >= 0) == sum((detections["match"] != NEW) & (detections["match"] != REJECTED))
-    return detections["match"].tolist(), waits
+    assert sum(matches >= 0) == sum((detections["match"] != NEW) & (detections["match"] != REJECTED))
+    return detections["match"].tolist(), matches == WAITS
 
 
 def two_points(separation_px: float = 60.0, std: float = 0.005, yaw_std: float = 1e-3):
@@ -307,20 +309,27 @@ def still_belief(scenario: Scenario = PAPER):
 
 def frame(belief, pixels, scenario: Scenario = PAPER):
     """Counters of one frame of a camera that stays."""
-    counts, quiet = counters(), replace(scenario, acceleration_std=1e-3, angular_acceleration_std=1e-3)
-    detections, in_parts = detections_at(pixels), uncompiled(filter_frame)  # the parts are compiled for others
-    in_parts(models_of(quiet), belief, support.NO_FIDUCIALS, NO_BOXES, np.zeros(6), detections, False, counts)
+    models = models_of(replace(scenario, acceleration_std=1e-3, angular_acceleration_std=1e-3))
+    detections = detections_at(pixels)
+    predict(models.motion, belief, np.zeros(6), models.motion.dt, False)
+    counts = use(models, belief, support.NO_FIDUCIALS, NO_BOXES, sight_of(belief), detections)
+    initialise(models, belief, detections, counts)
     return counts
 
 
 def test_a_contact_leaves_open_how_much_of_the_speed_is_left() -> None:
     belief = still_belief()
     belief.state.camera[7:10] = (0.3, 0.0, -0.2)
-    before = belief.covariance.copy()
-    update_contact(belief, np.array([2.0, 0.0, 0.0, 5.0, 5.0, 5.0]), 0.05)
-    grown = np.zeros_like(before)
-    grown[6, 6], grown[8, 8] = 0.4**2, 0.2**2
-    np.testing.assert_allclose(belief.covariance, before + grown, atol=1e-15)
+    u, motion, free = np.array([2.0, 0.0, 0.0, 5.0, 5.0, 5.0]), motion_of(PAPER, 1.0), copied(belief)
+    predict(motion, free, u, 0.05, False)
+    predict(motion, belief, u, 0.05, True)
+    grown = np.zeros((6, 6))
+    grown[3, 3], grown[5, 5] = 0.4**2, 0.2**2
+    F = np.block([[np.eye(3), 0.05 * np.eye(3)], [np.zeros((3, 3)), np.eye(3)]])
+    linear = [0, 1, 2, 6, 7, 8]
+    np.testing.assert_allclose(
+        (belief.covariance - free.covariance)[np.ix_(linear, linear)], F @ grown @ F.T, atol=1e-15
+    )
 
 
 @pytest.mark.parametrize("initialisation, kind", [(BY_INVERSE_DEPTH, INVERSE_DEPTH), ("depth_particles", RAY)])
@@ -330,7 +339,7 @@ def test_a_feature_is_born_at_the_third_consecutive_detection(initialisation: st
     assert sum(frame(interrupted, pixels, scenario).initialised for pixels in (there, there, [], there, there)) == 0
     initialised = [frame(belief, there, scenario).initialised for _ in range(23)]
     assert initialised == [0, 0, 1] + [0] * 20  # no duplicate of what is known
-    assert belief.feature[0].kind == kind and belief.state.serial == 1
+    assert belief.feature[0].kind == kind and belief.state.initialised == 1
 
 
 @pytest.mark.parametrize("kind, kept", [(INVERSE_DEPTH, False), (POINT, True)])
@@ -359,5 +368,5 @@ def test_a_full_map_gives_no_birth_and_what_a_known_box_hides_is_not_expected() 
     assert sight_of(belief, boxes=wall).point["id"].tolist() == [1]
     assert sight_of(belief).point["id"].tolist() == [1, 2]
     sight = sight_of(belief, boxes=wall)
-    use_detections(models_of(PAPER), belief, support.NO_FIDUCIALS, wall, sight, detections_at([]), False, counters())
+    use(models_of(PAPER), belief, support.NO_FIDUCIALS, wall, sight, detections_at([]))
     assert belief.feature["misses"][:2].tolist() == [1, 0]

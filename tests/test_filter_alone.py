@@ -253,7 +253,7 @@ def test_fed_an_environments_detections_it_holds_the_environments_belief(initial
         filter.initialise(detections)
         np.testing.assert_array_equal(detections["match"], run.detections["match"][: run.episode.detection_count])
         assert filter.belief.state == run.ekf.state
-    assert filter.belief.state.serial > 5
+    assert filter.belief.state.initialised > 5
     for own, its in zip(filter.belief, run.ekf, strict=True):
         np.testing.assert_array_equal(own, its)
     points, P = filter.points()

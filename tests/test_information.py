@@ -310,8 +310,8 @@ def retired(expected: np.ndarray, belief: Belief) -> list[int]:
     """Ids of the features that have retired one, after an update."""
     estimate = support.estimate_of(belief)
     update_expectation(expected, VARIANCE, estimate)
-    ids = sorted(expected["serial"][expected["serial"] > 0].tolist())
-    assert support.features_of(belief)["serial"][find_counting(expected, estimate)].tolist() == ids
+    ids = sorted(expected["feature"][expected["feature"] > 0].tolist())
+    assert support.features_of(belief)["id"][find_counting(expected, estimate)].tolist() == ids
     assert waiting_count(expected) == len(expected) - len(ids)
     return ids
 
@@ -321,7 +321,7 @@ def test_a_feature_that_counts_retires_the_nearest_and_brings_it_back() -> None:
     expected = expectation(5)
     assert retired(expected, belief) == [1, 2, 3]
     scaled = np.sum((expected["point"] - belief.feature["mean"][0, :3]) ** 2 / VARIANCE, axis=1)
-    assert expected["serial"][np.argmin(scaled)] == 1  # the marginal is small beside the prior
+    assert expected["feature"][np.argmin(scaled)] == 1  # the marginal is small beside the prior
     remove_feature(belief, 1)
     assert retired(expected, belief) == [1, 3]
     belief = random_belief(PAPER, [POINT] * 4, np.random.default_rng(7))
@@ -338,7 +338,7 @@ def test_entropy_is_the_formula_at_constant_dimension() -> None:
         _, _, _, _, info = env.step((2, 1))
     belief, P = env.unwrapped.belief, env.unwrapped.belief.covariance
     assert P.shape[0] == 12 + 3 * len(belief.landmarks)
-    counting = np.flatnonzero(np.isin(belief.ids, support.simulation_of(env).expected["serial"]))
+    counting = np.flatnonzero(np.isin(belief.ids, support.simulation_of(env).expected["feature"]))
     assert len(counting) > 0
     places = (12 + 3 * counting[:, None] + np.arange(3)).ravel()
     rest = (27 - len(counting)) * np.log2(np.prod(PAPER.landmark_prior_variance))

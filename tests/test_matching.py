@@ -12,16 +12,16 @@ from activeslam_gym.config import Scenario
 from activeslam_gym.metrics import camera_error
 from activeslam_gym.slam.association import (
     Hypotheses,
-    associate,
     association_of,
     expected_unmapped,
     hypotheses,
     match_jointly,
+    match_unknown,
 )
 from activeslam_gym.slam.belief import INVERSE_DEPTH, NEVER, POINT
-from activeslam_gym.slam.detection import NEW, REJECTED, UNASSOCIATED, condition
+from activeslam_gym.slam.detection import NEW, REJECTED, UNASSOCIATED, WAITS, condition
 from activeslam_gym.slam.filter import Filter, detections_of
-from activeslam_gym.slam.sight import MAP_POINT, Sight
+from activeslam_gym.slam.sight import PREDICTED, Sight
 
 from .support import (
     CAMERA,
@@ -45,7 +45,7 @@ STRANGERS = 1.5
 
 def open_hypotheses(z: np.ndarray, S: np.ndarray, detections: np.ndarray) -> Hypotheses:
     """All are allowed; the camera's R is in ``S``."""
-    points = np.zeros(len(z) // 2, MAP_POINT)
+    points = np.zeros(len(z) // 2, PREDICTED)
     return hypotheses(points, z.copy(), S - VAR * np.eye(len(z)), detections)
 
 
@@ -79,7 +79,7 @@ def matched_jointly(z: np.ndarray, S: np.ndarray, pixels: np.ndarray, **model: f
     detections, of_point = detections_of(pixels), np.full(3, -1)
     h, points = (
         open_hypotheses(z, S, detections),
-        np.zeros(3, MAP_POINT),
+        np.zeros(3, PREDICTED),
     )  # of fiducials, which have no id that is positive
     constants, worth = replaced(MODEL, **model), 0.5 * MODEL.clutter_cost - np.log(STRANGERS)
     assert match_jointly(constants, h, points, detections, worth, of_point)
@@ -140,9 +140,9 @@ def answered(
 ) -> list[list]:
     """The matches of detections at ``pixels``, and which predictions wait, with other pixels and covariances."""
     sight.point["z_hat"], sight.S[:] = z_hat, S
-    detections, waits = detections_of(pixels, ids=ids), np.zeros(len(sight.point), bool)
-    associate(association_of(scenario), sight, detections, 10, waits)
-    return [detections["match"].tolist(), waits.tolist()]
+    detections = detections_of(pixels, ids=ids)
+    matches = match_unknown(association_of(scenario), sight, detections, 10)
+    return [detections["match"].tolist(), (matches == WAITS).tolist()]
 
 
 MIDDLE = (160.0, 120.0)
@@ -154,7 +154,7 @@ def test_what_was_seen_lately_needs_less_of_a_lead(seconds: float, std: float, m
     belief = random_belief(PAPER, [POINT], np.random.default_rng(0))
     belief.state.frame, belief.feature["born"][0] = 1000, -1
     belief.feature["seen"][0] = 1000 - round(seconds / PAPER.frame_time)
-    match = belief.feature["serial"][0] if matched else REJECTED
+    match = belief.feature["id"][0] if matched else REJECTED
     assert answered(sight_of(belief), [[162.0, 119.0]], MIDDLE, std**2 * np.eye(2)) == [[match], [not matched]]
 
 
@@ -163,7 +163,7 @@ def test_a_new_feature_near_which_two_were_seen_waits(kind: int) -> None:
     """A feature of one landmark was matched to its neighbour in the first frame that missed the landmark."""
     belief = random_belief(PAPER, [kind], np.random.default_rng(0))
     belief.state.frame, belief.feature["born"][0], belief.feature["seen"][0] = 1000, 990, 999
-    sight, S, id = sight_of(belief), 2.5**2 * np.eye(2), belief.feature["serial"][0]
+    sight, S, id = sight_of(belief), 2.5**2 * np.eye(2), belief.feature["id"][0]
     both, one, frames = [[158.0, 120.0], [163.0, 121.0]], [[163.0, 121.0]], association_of(PAPER).crowded
     assert answered(sight, both, MIDDLE, S) == [[REJECTED, REJECTED], [True]]
     assert (sight.point["crowded"][0] == 0) == (kind == INVERSE_DEPTH)

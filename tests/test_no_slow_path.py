@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("tyro")
 
 from activeslam_gym import Scenario  # noqa: E402
-from activeslam_gym.envs.simulation import empty_runs  # noqa: E402
+from activeslam_gym.envs.reset import empty_runs  # noqa: E402
 from tests.support import python  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -29,7 +29,7 @@ from numba.core.errors import NumbaWarning
 warnings.simplefilter("error", NumbaWarning)
 from numba.core.runtime import rtsys
 counts = rtsys.get_allocation_stats
-from activeslam_gym.envs.episode import step_runs
+from activeslam_gym.envs.step import step_runs
 from activeslam_gym import SCENARIOS
 from activeslam_gym.envs.planning import score_runs
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from activeslam_gym.config import Scenario
-from activeslam_gym.envs.episode import LOSS, UNSOUND_LOG_SCORE
-from activeslam_gym.envs.identity import (
+from activeslam_gym.envs.evaluation import (
+    LOSS,
     NO_OWNER,
     OWNER,
     UNKNOWN,
@@ -18,6 +18,7 @@ from activeslam_gym.envs.identity import (
     true_id,
 )
 from activeslam_gym.envs.reward import REWARDS
+from activeslam_gym.metrics import UNSOUND_LOG_SCORE
 from activeslam_gym.slam.belief import POINT, fiducial_id
 from activeslam_gym.slam.detection import NEW, REJECTED, UNASSOCIATED
 from activeslam_gym.slam.filter import detections_of

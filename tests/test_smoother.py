@@ -13,7 +13,7 @@ from activeslam_gym.geometry import rotation_error
 from activeslam_gym.sensors.points import PointSensor
 from activeslam_gym.slam.belief import start_of
 from activeslam_gym.slam.ekf import Ekf
-from activeslam_gym.slam.estimator import Measurements
+from activeslam_gym.slam.estimate import Measurements
 
 from .support import world_points
 

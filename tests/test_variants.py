@@ -8,7 +8,7 @@ import baselines
 from activeslam_gym.config import TRAINING_SEED
 from activeslam_gym.evaluation import play
 from activeslam_gym.slam.belief import INVARIANT, INVERSE_DEPTH, PLAIN, POINT, Belief
-from activeslam_gym.slam.estimator import COMPILED
+from activeslam_gym.slam.estimate import COMPILED
 from activeslam_gym.slam.kalman import shift_mean, subtract_and_recentre
 
 from .support import PAPER, dense_H, joint_covariance, random_belief, sight_of, turn_of_everything

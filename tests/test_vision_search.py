@@ -7,7 +7,7 @@ pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
 from activeslam_gym.kernels import filled
 from activeslam_gym.slam.detection import DETECTION, REJECTED
-from activeslam_gym.slam.sight import MAP_POINT, Sight
+from activeslam_gym.slam.sight import PREDICTED, Sight
 from activeslam_gym.vision.corners import new_corners
 from activeslam_gym.vision.search import FOUND, MISSING, SEARCH, UNSEARCHED, Findings, search
 from activeslam_gym.vision.settings import FrontEndSettings
@@ -159,7 +159,7 @@ def seen_at(
     gallery: TemplateMap, id: int, error: tuple[float, float], match: int | None = None, curvature: float = 0.0
 ) -> None:
     """One match of ``id``, so far [px] from where the updated estimate has it, with a noise of 0.1 px^2."""
-    found, point = np.zeros(1, DETECTION), np.zeros(1, MAP_POINT)
+    found, point = np.zeros(1, DETECTION), np.zeros(1, PREDICTED)
     found["R"], point["curvature"] = 0.1 * np.eye(2), curvature * np.eye(2)
     found["id"], found["match"], found["pixel"] = id, id if match is None else match, PIXEL + error
     point["id"], point["z_hat"] = id, PIXEL

@@ -33,7 +33,7 @@ class FilterSettings(bounds.Settings):
     initialisation: Annotated[str, bounds.among(*INITIALISATIONS)] = INVERSE_DEPTH
     """``inverse_depth`` (undelayed, Montiel, Civera and Davison 2006) or ``depth_particles`` (the paper's)."""
     estimator: bounds.Part = "ekf"
-    """The estimator: `ekf`, `ekf-plain`, or one of your own (`slam.estimator`)."""
+    """The estimator: `ekf`, `ekf-plain`, or one of your own (`slam.estimate`)."""
     association: Annotated[str, bounds.among(UNKNOWN, KNOWN)] = UNKNOWN
     """``unknown``; ``known``: each detection carries the label of its landmark, an upper bound for data association."""
     detection_probability: bounds.Probability = 0.98

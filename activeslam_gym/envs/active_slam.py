@@ -8,15 +8,15 @@ import numpy as np
 
 from activeslam_gym.config import Scenario, whole_number
 from activeslam_gym.envs.actions import INDICES, PAIRS, POINTS, Encoding, action_masks, checked_options
-from activeslam_gym.envs.episode import BEGIN, STEP, info_of
+from activeslam_gym.envs.info import info_of
 from activeslam_gym.envs.observation import observation_space
 from activeslam_gym.envs.public import SingleReads
+from activeslam_gym.envs.reset import empty_runs
 from activeslam_gym.envs.reward import Potential
-from activeslam_gym.envs.setting import checked_size, resolve, scenario_with
-from activeslam_gym.envs.simulation import empty_runs
-from activeslam_gym.envs.snapshot import History, Snapshot, snapshot_of
+from activeslam_gym.envs.setting import checked_rendering, resolve
+from activeslam_gym.envs.snapshot import Snapshot, snapshot_of
+from activeslam_gym.envs.step import BEGIN, STEP
 from activeslam_gym.metrics import LOST_POSITION_ERROR
-from activeslam_gym.motion import COMMANDS, Gaze, Motion, nearest_gaze
 from activeslam_gym.threads import Workers
 
 
@@ -201,23 +201,16 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         criterion: Any = None,
         **unknown: Any,
     ) -> None:
-        if not (render_mode is None or (isinstance(render_mode, str) and render_mode in self.metadata["render_modes"])):
-            raise ValueError(f"render_mode must be None, 'human' or 'rgb_array', got {render_mode!r}")
-        parts = {"scene": scene, "sensor": sensor, "estimator": estimator, "motion_criterion": criterion}
-        scenario = scenario_with(scenario, **parts)
+        modes = self.metadata["render_modes"]
+        self.render_mode, self.render_size = checked_rendering(render_mode, modes, render_size)
         given = scenario, gaze_period, motion_period, duration, reward, lost_position_error, end_when_lost
-        setting = resolve(*given, **unknown)
+        setting = resolve(*given, scene=scene, sensor=sensor, estimator=estimator, criterion=criterion, **unknown)
         super().__init__(setting, empty_runs(setting.scenario, 1), Workers(1))
-        self.render_mode = render_mode
-        self.render_size = checked_size(render_size)
         self.metadata = {**self.metadata, "render_fps": setting.render_rate}
         self.observation_space = observation_space(setting.layout)
         self.action_space = self._encoding.space()
-        self._phase, self._command = np.zeros(1, np.int64), np.zeros((1, 4))
         self._steps = int(setting.task.steps)
-        self._gaze = Gaze.STAY
         self._running = False
-        self._history = History()
         self._window: Any = None
 
     def reset(
@@ -232,10 +225,8 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         super().reset(seed=None if seed is None else whole_number("seed", seed, 0))
         key = int(self.np_random.integers(2**63))
         self._reset_run(0, key)
-        self._play_one(BEGIN, COMMANDS[Motion.STAY, Gaze.STAY])
+        self._play(BEGIN, 0.0)
         self._running = True
-        self._gaze = Gaze.STAY
-        self._history = History()
         self._show()
         return self._runs.observation[0].copy(), info_of(self._runs, self.setting.reward)
 
@@ -248,19 +239,13 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         """
         if not self._running:
             raise gymnasium.error.ResetNeeded("the episode has ended or has not begun: call reset() before step()")
-        self._play_one(STEP, self._encoding.read_one(action))
+        self._play(STEP, self._encoding.read_one(action))
         episode, observation = self._runs.episode, self._runs.observation[0].copy()
         terminated = self._end_when_lost and bool(episode["lost"][0])
         truncated = bool(episode["steps"][0] >= self._steps)
         self._running = not (terminated or truncated)
-        if self.render_mode is not None:
-            self._gaze = nearest_gaze(self._command[0, 3])
-            self._show()
+        self._show()
         return observation, float(episode["reward"][0]), terminated, truncated, info_of(self._runs, self.setting.reward)
-
-    def _play_one(self, phase: int, command: np.ndarray) -> None:
-        self._phase[0], self._command[0] = phase, command
-        self._play(self._phase, self._command)
 
     def action_masks(self) -> np.ndarray:
         """(10,) bool, motions and then gazes (discrete: (21,)): false for a motion that the next step would ignore.
@@ -297,7 +282,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     def _show(self) -> None:
         if self.render_mode is None:
             return
-        self._history.record(self.time, self._run)
+        self._histories[0].record(self.time, self._run)
         if self.render_mode == "human":
             from activeslam_gym import rendering
 
@@ -310,9 +295,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         Raises:
             gymnasium.error.ResetNeeded: no episode has begun.
         """
-        if not self._runs.episode["begun"][0]:
-            raise gymnasium.error.ResetNeeded("there is nothing to show before the first reset()")
-        return snapshot_of(self.setting, self._run, self._gaze, self._history, self._perceptions[0])
+        return snapshot_of(self, 0)
 
 
 class ActiveSLAMDiscreteEnv(ActiveSLAMEnv):

@@ -11,16 +11,14 @@ from gymnasium.vector.utils import batch_space
 
 from activeslam_gym.config import Scenario, whole_number
 from activeslam_gym.envs.actions import INDICES, PAIRS, POINTS, Encoding, action_masks, checked_options
-from activeslam_gym.envs.episode import BEGIN, REST, STEP, infos_of
+from activeslam_gym.envs.info import infos_of
 from activeslam_gym.envs.observation import observation_space
 from activeslam_gym.envs.public import BatchReads
-from activeslam_gym.envs.reward import Potential
-from activeslam_gym.envs.setting import checked_size, resolve, scenario_with
-from activeslam_gym.envs.simulation import empty_runs
-from activeslam_gym.envs.snapshot import History, Snapshot, snapshot_of
+from activeslam_gym.envs.reset import empty_runs
+from activeslam_gym.envs.setting import checked_rendering, resolve
+from activeslam_gym.envs.snapshot import Snapshot, snapshot_of
+from activeslam_gym.envs.step import BEGIN, REST, STEP
 from activeslam_gym.kernels import row
-from activeslam_gym.metrics import LOST_POSITION_ERROR
-from activeslam_gym.motion import nearest_gaze
 from activeslam_gym.threads import Workers
 
 
@@ -57,35 +55,20 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         self,
         num_envs: int = 1,
         scenario: str | Mapping[str, Any] | Scenario = "paper",
-        gaze_period: float | None = None,
-        motion_period: float = 1.0,
-        duration: float | None = None,
-        reward: str | Potential = "entropy",
-        lost_position_error: float = LOST_POSITION_ERROR,
-        end_when_lost: bool = True,
-        render_mode: str | None = None,
+        *,
         num_threads: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
+        render_mode: str | None = None,
         render_size: tuple[int, int] = (960, 640),
-        scene: Any = None,
-        sensor: Any = None,
-        estimator: Any = None,
-        criterion: Any = None,
-        **unknown: Any,
+        **arguments: Any,
     ) -> None:
-        if not (render_mode is None or (isinstance(render_mode, str) and render_mode == "rgb_array")):
-            raise ValueError(f"render_mode must be None or 'rgb_array' for a batch, got {render_mode!r}")
+        modes = self.metadata["render_modes"]
+        self.render_mode, self.render_size = checked_rendering(render_mode, modes, render_size)
         self.num_envs = whole_number("num_envs", num_envs)
-        parts = {"scene": scene, "sensor": sensor, "estimator": estimator, "motion_criterion": criterion}
-        scenario = scenario_with(scenario, **parts)
-        given = scenario, gaze_period, motion_period, duration, reward, lost_position_error, end_when_lost
-        setting = resolve(*given, **unknown)
-        workers = Workers(self.num_envs, num_threads)
-        super().__init__(setting, empty_runs(setting.scenario, self.num_envs), workers)
-        self.render_mode = render_mode
-        self.render_size = checked_size(render_size)
         self.autoreset_mode = _mode(autoreset_mode)
+        setting = resolve(scenario, **arguments)
+        super().__init__(setting, empty_runs(setting.scenario, self.num_envs), Workers(self.num_envs, num_threads))
         self.metadata = {**self.metadata, "render_fps": setting.render_rate, "autoreset_mode": self.autoreset_mode}
         self.single_observation_space = observation_space(setting.layout)
         self.single_action_space = self._encoding.space()
@@ -95,8 +78,6 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         self._steps = min(int(setting.task.steps), whole_number("max_episode_steps", limit))
         self._seeded: list[tuple[np.random.Generator, int] | None] = [None] * self.num_envs
         self._begun, self._over = np.zeros(self.num_envs, bool), np.zeros(self.num_envs, bool)
-        self._phases, self._commands = np.zeros(self.num_envs, np.int64), np.zeros((self.num_envs, 4))
-        self._histories = [History() for _ in range(self.num_envs)]
         self.closed = False
 
     def reset(
@@ -129,9 +110,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         beginning = self._over  # of these NEXT_STEP ignores the action, in the other modes there are none
         commands = self._encoding.read(actions, ~beginning)
         self._reset_runs(beginning)
-        self._phases[:] = np.where(beginning, BEGIN, STEP)
-        self._commands[:] = np.where(beginning[:, None], 0.0, commands)
-        self._play(self._phases, self._commands)
+        self._play(np.where(beginning, BEGIN, STEP), np.where(beginning[:, None], 0.0, commands))
         self._record(np.ones(self.num_envs, bool))
         episode = self._runs.episode
         rewards = episode["reward"].copy()
@@ -184,10 +163,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         Raises:
             gymnasium.error.ResetNeeded: its run has not begun.
         """
-        if not self._begun[i]:
-            raise gymnasium.error.ResetNeeded("there is nothing to show before the first reset()")
-        gaze = nearest_gaze(self._commands[i, 3])
-        return snapshot_of(self.setting, self._at(i), gaze, self._histories[i], self._perceptions[i])
+        return snapshot_of(self, i)
 
     def _demand_reset(self) -> None:
         ready = self._begun & ~self._over if self.autoreset_mode is AutoresetMode.DISABLED else self._begun
@@ -200,9 +176,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
     def _begin(self, chosen: np.ndarray) -> None:
         """Begin the runs that are ``chosen`` (B,), and leave the others alone."""
         self._reset_runs(chosen)
-        self._phases[:] = np.where(chosen, BEGIN, REST)
-        self._commands[chosen] = 0.0
-        self._play(self._phases, self._commands)
+        self._play(np.where(chosen, BEGIN, REST), np.where(chosen[:, None], 0.0, self._commands))
         self._begun |= chosen
         self._over = self._over & ~chosen
         self._record(chosen)
@@ -212,7 +186,6 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         for i in np.flatnonzero(chosen).tolist():
             generator, _ = self._generator_and_seed(i)
             self._reset_run(i, key=int(generator.integers(2**63)))
-            self._histories[i] = History()
 
     def _generator_and_seed(self, i: int) -> tuple[np.random.Generator, int]:
         """Those of environment ``i``, from a seed of their own where it was given none."""

@@ -21,7 +21,7 @@ from activeslam_gym.motion import CAMERA_DIM, POSITION, QUATERNION
 from activeslam_gym.registry import array_of, asked, name_of, part_of
 from activeslam_gym.sensors.sensor import OWN_SENSORS, POINTS, Detections
 from activeslam_gym.slam.belief import start_of
-from activeslam_gym.slam.estimator import EKF
+from activeslam_gym.slam.estimate import EKF
 from activeslam_gym.world.room import draw_scene, scene_factory
 from activeslam_gym.world.truth import Truth
 

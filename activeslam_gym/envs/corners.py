@@ -12,16 +12,16 @@ from typing import NamedTuple
 import numpy as np
 
 from activeslam_gym.camera import change_of_view, distance_between, view_of, visible
-from activeslam_gym.envs.images import account_scene
+from activeslam_gym.envs.images import judge_by_scene
 from activeslam_gym.envs.run import Run, write_whole_estimate
 from activeslam_gym.envs.setting import Setting
 from activeslam_gym.kernels import Record, compiled, filled, record
 from activeslam_gym.linalg import copy_into
+from activeslam_gym.slam.appearance import draw_bias, use_identified, wander
 from activeslam_gym.slam.belief import feature_capacity, positions_of
 from activeslam_gym.slam.estimate import add_offsets, index_of
-from activeslam_gym.slam.frame import use_identified
-from activeslam_gym.slam.kalman import predict, update_contact, wander
-from activeslam_gym.slam.map import add_landmark, draw_bias, remove_id
+from activeslam_gym.slam.kalman import predict
+from activeslam_gym.slam.map import add_landmark, remove_id
 from activeslam_gym.slam.sight import INSIDE, sight_of_belief
 from activeslam_gym.vision.corners import new_corners
 from activeslam_gym.vision.room import textures
@@ -118,11 +118,9 @@ class CornerPerception:
 
 @compiled
 def detect_corners(run: Run, rules: Record, corners: Corners, u: np.ndarray, contact: bool) -> None:
-    """A frame after the camera has moved: predict, search, delete, initialise, and judge it."""
+    """A frame after the camera has moved: predict, search, delete, initialise, and judge."""
     motion, belief, memory, frame = run.models.motion, run.ekf, corners.memory, run.world.state.frame + 1
-    if contact:
-        update_contact(belief, u, motion.dt)
-    predict(motion, belief, u, motion.dt)
+    predict(motion, belief, u, motion.dt, contact)
     wander(belief, rules.drift / run.models.camera.focal, motion.dt)
     K = run.world.fiducials.shape[0]
     searched, most = memory.shape[0] + K, 2 + 4 * rules.initialised
@@ -137,15 +135,14 @@ def detect_corners(run: Run, rules: Record, corners: Corners, u: np.ndarray, con
             run.episode.events.deletions += 1
     run.episode.detection_count = found + _initialise_features(run, rules, corners, draws[2 * searched :], found)
     write_whole_estimate(run)
-    estimate = run.estimate
-    points = np.empty((estimate.state.count, 3))
+    points = np.empty((run.estimate.state.count, 3))
     for entry in memory:
-        k = index_of(estimate, entry.id) if entry.id > 0 else -1
+        k = index_of(run.estimate, entry.id) if entry.id > 0 else -1
         if k >= 0:
             copy_into(points[k], corners.points[entry.corner])
             copy_into(run.first_seen[k], entry.first_seen)
-    add_offsets(estimate, run.first_seen, rules.feature_bias_std / run.models.camera.focal)
-    account_scene(run, points, corners.spare)
+    add_offsets(run.estimate, run.first_seen, rules.feature_bias_std / run.models.camera.focal)
+    judge_by_scene(run, points, corners.spare)
 
 
 @compiled

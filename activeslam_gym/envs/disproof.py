@@ -44,7 +44,7 @@ def disprove(run: Run) -> None:
     run.episode.views = _remember(view, run.episode.views, here[0])
     for e in range(expected.shape[0]):
         one = expected[e]
-        if one.serial != WAITING:
+        if one.feature != WAITING:
             continue
         if not visible(present, one.point, -WELL_INSIDE_PX, z):
             one.looked = min(one.looked, 0)

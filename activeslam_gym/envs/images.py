@@ -3,10 +3,9 @@
 import numpy as np
 
 from activeslam_gym.camera import camera_point, pixel_from_camera_point
-from activeslam_gym.envs.identity import NO_OWNER, UNKNOWN, match_to_truth
-from activeslam_gym.envs.run import Run, write_whole_estimate
+from activeslam_gym.envs.run import NO_OWNER, UNKNOWN, Run, write_whole_estimate
 from activeslam_gym.envs.setting import Setting
-from activeslam_gym.envs.simulation import close_frame
+from activeslam_gym.envs.step import end_frame
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.expectation import WAITING
 from activeslam_gym.kernels import compiled
@@ -63,7 +62,7 @@ class ImagePerception:
         ids = run.estimate.landmark["id"][: int(run.estimate.state.count)]
         run.first_seen[: len(ids)] = self._front_end.first_seen(ids)
         self._front_end.add_feature_bias(run.estimate)
-        account_scene(run, self.scene_points(ids), self._spare)
+        judge_by_scene(run, self.scene_points(ids), self._spare)
 
     def _look(self, run: Run, u: np.ndarray) -> None:
         state, counts = run.world.state.camera, self._filter.counts
@@ -87,20 +86,19 @@ class ImagePerception:
 
 
 @compiled
-def account_scene(run: Run, scene_points: np.ndarray, spare: np.ndarray) -> None:
-    """After the front end: judge the matches, and give each of the N slots of the score its scene point.
+def judge_by_scene(run: Run, scene_points: np.ndarray, spare: np.ndarray) -> None:
+    """End the frame, give each of the N slots of the score its scene point, and judge the matches.
 
     ``scene_points`` (n, 3): of each landmark of the estimate, the scene point that it follows. The
     slot of the expected landmark that a feature has retired is the feature's; of an empty one, ``spare`` (N, 3),
     anywhere in the room, is the truth.
     """
     world, estimate, expected, owner = run.world, run.estimate, run.expected, run.owner
-    match_to_truth(run.owner, run.estimate)
-    close_frame(run)
+    end_frame(run)
     for k in range(estimate.state.count):
         owner[k].label, owner[k].landmark = UNKNOWN, NO_OWNER
     for e in range(expected.shape[0]):
-        k = index_of(estimate, expected[e].serial) if expected[e].serial != WAITING else -1
+        k = index_of(estimate, expected[e].feature) if expected[e].feature != WAITING else -1
         if k >= 0:
             owner[k].landmark = e
             copy_into(world.landmarks[e], scene_points[k])

@@ -110,11 +110,6 @@ def observe(run: Run) -> None:
         run.observation[i] = 0.0 if math.isnan(flat[i]) else min(max(flat[i], -1.0), 1.0)
 
 
-def observe_clearance(run: Run) -> None:
-    """Write the range finders again, which `observe` has written."""
-    run.observation[GLOBAL_SIZE : GLOBAL_SIZE + MOTION_COUNT] = run.episode.clearance / FARTHEST_CLEARANCE
-
-
 @compiled
 def _observe_globals(run: Run, out: np.ndarray) -> None:
     """Write the global features into ``out`` (>= G,), unclipped."""
@@ -135,7 +130,7 @@ def _observe_globals(run: Run, out: np.ndarray) -> None:
     out[_GLOBAL.mapped] = np.sum(estimate.landmark["mapped"][: estimate.state.count]) / landmarks
     out[_GLOBAL.counting] = (landmarks - waiting_count(run.expected)) / landmarks
     out[_GLOBAL.features] = estimate.state.count / estimate.landmark.shape[0]
-    out[_GLOBAL.gain] = episode.gain / (_GAIN_SCALE * (CAMERA_DIM + 3 * landmarks))
+    out[_GLOBAL.gain] = episode.entropy_reduction / (_GAIN_SCALE * (CAMERA_DIM + 3 * landmarks))
 
 
 @compiled
@@ -164,7 +159,7 @@ def _observe_tokens(run: Run, out: np.ndarray) -> None:
         token[_TOKEN.mapped if landmark.mapped else _TOKEN.initialising] = 1.0
     slot, prior = 0, diagonal(run.models.landmark_var)
     for e in range(expected.shape[0]):
-        if expected[e].serial == WAITING:
+        if expected[e].feature == WAITING:
             while slot < F and taken[slot]:
                 slot += 1
             if slot == F:

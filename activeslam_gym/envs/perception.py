@@ -1,25 +1,26 @@
-"""The step in Python, in which foreign scenes, sensors and estimators run: the reference of `episode.step_runs`.
+"""The step in Python, in which foreign scenes, sensors and estimators run: the reference of the compiled `step.step`.
 
-A frame is control and true motion, measurement, estimation, and data association by the hidden labels. A `Perception`
-is the sensor and the estimator of a run; the rest are the functions of which the kernel is made.
+A `Perception` is the sensor and the estimator of a run; the rest are the functions of which the kernel is made.
 """
 
 from typing import Any, Protocol
 
 import numpy as np
 
-from activeslam_gym.envs.episode import BEGIN, REST, end_step, start_step
-from activeslam_gym.envs.observation import observe_clearance
+from activeslam_gym.envs.reset import Start, box_scene
 from activeslam_gym.envs.run import Run, known_boxes, write_whole_estimate
 from activeslam_gym.envs.setting import Setting
-from activeslam_gym.envs.simulation import (
-    Start,
-    box_scene,
+from activeslam_gym.envs.step import (
+    BEGIN,
+    REST,
+    estimate_and_judge,
+    evaluate_and_observe,
     identify,
-    judge_frame,
+    judge,
     measure,
+    read_command,
+    sense_clearance,
     simulate,
-    update_estimate,
 )
 from activeslam_gym.kernels import row, uncompiled
 from activeslam_gym.motion import POSITION, QUATERNION
@@ -28,8 +29,7 @@ from activeslam_gym.sensors.points import PointSensor
 from activeslam_gym.sensors.sensor import CORNERS, IMAGES, OWN_SENSORS, POINTS, Detections
 from activeslam_gym.slam.detection import REJECTED
 from activeslam_gym.slam.ekf import ESTIMATORS
-from activeslam_gym.slam.estimate import Estimate, put_estimate
-from activeslam_gym.slam.estimator import COMPILED, Measurements
+from activeslam_gym.slam.estimate import COMPILED, Estimate, Measurements, put_estimate
 from activeslam_gym.world.bodies import drop_hidden, narrow_clearance, push_out, reach_of_command
 from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.truth import truth_of
@@ -47,10 +47,7 @@ class Perception(Protocol):
         """After a reset: write the prior into the estimate."""
 
     def frame(self, run: Run, u: np.ndarray, contact: bool) -> None:
-        """Measure and estimate, with the known accelerations ``u`` (6,).
-
-        Writes detections, labels, the estimate, and the true landmark of each landmark of the estimate.
-        """
+        """After the camera has moved under the known accelerations ``u`` (6,): measure, estimate and judge."""
 
 
 def perception_of(setting: Setting, run: Run, start: Start, key: int) -> Perception:
@@ -76,41 +73,43 @@ def is_compiled(setting: Setting) -> bool:
 
 
 def step_runs_in_python(
-    runs: Run, perceptions: list[Any], phases: np.ndarray, commands: np.ndarray, start: int, stop: int
+    runs: Run, perceptions: list[Any], orders: np.ndarray, commands: np.ndarray, start: int, stop: int
 ) -> None:
-    """`episode.step_runs`, with the scene, the sensor and the estimator of each run; a ValueError tells the frame."""
+    """`step.step_runs`, with the scene, the sensor and the estimator of each run; a ValueError tells the frame."""
     for i in range(start, stop):
         try:
-            if phases[i] != REST:
-                step(row(runs, i), perceptions[i], commands[i], bool(phases[i] == BEGIN))
+            if orders[i] == BEGIN:
+                begin(row(runs, i), perceptions[i])
+            elif orders[i] != REST:
+                step(row(runs, i), perceptions[i], commands[i])
         except ValueError as error:
             where = f"in frame {int(runs.world.state[i].frame)} of environment {i}"
             raise ValueError(f"{error} ({where})") from error.__cause__
 
 
-def step(run: Run, perception: Perception, command: np.ndarray, begins: bool) -> None:
-    """One gaze period: simulate, measure, predict, associate, update, initialise, evaluate, observe.
+def begin(run: Run, parts: Perception) -> None:
+    """`step.begin` with the ``parts`` of a run."""
+    parts.begin(run)
+    sense_clearance_in(parts.scene, run)
+    evaluate_and_observe(run, True)
 
-    Where a run ``begins``, its prior alone is evaluated and observed. ``command`` (4,): see `motion.COMMANDS`.
-    """
-    scene, motion, task = perception.scene, run.models.motion, run.models.task
-    if begins:
-        perception.begin(run)
-    reach = np.inf
-    if scene is not None and not begins and run.episode.steps % task.steps_per_motion == 0:
-        reach = reach_of_command(scene, motion, run.world, command)
-    start_step(run, command, reach, begins)
-    for _ in range(0 if begins else int(task.frames_per_step)):
+
+def step(run: Run, parts: Perception, command: np.ndarray) -> None:
+    """`step.step` with the ``parts`` of a run."""
+    scene, task, reach = parts.scene, run.models.task, np.inf
+    if scene is not None and run.episode.steps % task.steps_per_motion == 0:
+        reach = reach_of_command(scene, run.models.motion, run.world, command)
+    read_command(run, command, reach)
+    for _ in range(int(task.frames_per_step)):
         u, contact = simulate_in(scene, run, command[3])
-        perception.frame(run, u, contact)
-    end_step(run, begins)
-    if scene is not None:
-        narrow_clearance(scene, motion, run.world, run.episode.clearance)
-        observe_clearance(run)
+        parts.frame(run, u, contact)  # measure, estimate, judge
+    run.episode.steps += 1
+    sense_clearance_in(scene, run)
+    evaluate_and_observe(run, False)
 
 
 def simulate_in(scene: Scene | None, run: Run, gaze: float) -> tuple[np.ndarray, bool]:
-    """`simulation.simulate` in a foreign ``scene``, whose bodies stop the camera."""
+    """`step.simulate` in a foreign ``scene``, whose bodies stop the camera."""
     start = run.world.state.camera[POSITION].copy()
     u, contact = simulate(run, gaze)
     if scene is not None:
@@ -121,12 +120,20 @@ def simulate_in(scene: Scene | None, run: Run, gaze: float) -> tuple[np.ndarray,
 
 
 def measure_in(scene: Scene | None, run: Run) -> bool:
-    """`simulation.measure` in a foreign ``scene``, whose bodies hide points."""
+    """`step.measure` in a foreign ``scene``, whose bodies hide points."""
     labelled = bool(measure(run))
     if scene is not None:
         detections = int(run.episode.detection_count)
         run.episode.detection_count = drop_hidden(scene, run.world, run.detections, run.label, detections)
     return labelled
+
+
+def sense_clearance_in(scene: Scene | None, run: Run) -> None:
+    """`step.sense_clearance` in a foreign ``scene``."""
+    if run.models.motion.bodies:
+        sense_clearance(run)
+    if scene is not None:
+        narrow_clearance(scene, run.models.motion, run.world, run.episode.clearance)
 
 
 class PointPerception:
@@ -140,9 +147,9 @@ class PointPerception:
         write_whole_estimate(run)
 
     def frame(self, run: Run, u: np.ndarray, contact: bool) -> None:
-        """Measure and estimate."""
+        """Measure what the scene does not hide, and run the compiled filter."""
         ends = (run.world.state.frame + 1) % run.models.task.frames_per_step == 0
-        update_estimate(run, u, contact, measure_in(self.scene, run), bool(ends))
+        estimate_and_judge(run, u, contact, measure_in(self.scene, run), bool(ends))
 
 
 class PythonPerception:
@@ -169,7 +176,7 @@ class PythonPerception:
         self._put_estimate(run, np.zeros(0, int))
 
     def frame(self, run: Run, u: np.ndarray, contact: bool) -> None:
-        """Measure and estimate."""
+        """Ask the sensor and the estimator, and judge."""
         values, of = self._measured(run), self._name
         asked(f"predict() of {of}", lambda: self._estimator.predict(u, self._dt, contact))
         found = run.detections[: len(values)]
@@ -178,7 +185,7 @@ class PythonPerception:
         matched = asked(f"update() of {of}", lambda: self._estimator.update(measurements))
         found["match"] = array_of(f"what update() of {of} returns", matched, (len(values),), int)
         self._put_estimate(run, found["match"])
-        judge_frame(run)
+        judge(run)
 
     def _put_estimate(self, run: Run, matched: np.ndarray) -> None:
         """Write the estimator's estimate into the run. Every id must be of a fiducial or of a landmark of it, and every

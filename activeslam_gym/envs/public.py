@@ -7,15 +7,12 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from activeslam_gym.config import MOST_HELD_FRAMES
 from activeslam_gym.envs.context import context_of
-from activeslam_gym.envs.episode import give_foreign_reward, step_runs
-from activeslam_gym.envs.identity import Labels, features_of_landmarks, landmark_errors
-from activeslam_gym.envs.perception import is_compiled, perception_of, step_runs_in_python
+from activeslam_gym.envs.evaluation import Labels, features_of_landmarks, landmark_errors
 from activeslam_gym.envs.planning import frames_left, net_of_runs, predicted_belief, score_runs
-from activeslam_gym.envs.run import Run, complete
-from activeslam_gym.envs.setting import Setting
-from activeslam_gym.envs.simulation import box_scene, reset_run
+from activeslam_gym.envs.reset import box_scene
+from activeslam_gym.envs.run import Run
+from activeslam_gym.envs.runs import Runs
 from activeslam_gym.information import candidates
 from activeslam_gym.information.candidates import PredictedBelief, sight_after
 from activeslam_gym.information.criteria import CRITERIA, NET, Criterion
@@ -25,7 +22,7 @@ from activeslam_gym.kernels import row, uncompiled
 from activeslam_gym.metrics import camera_error, nees
 from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, GAZE_COUNT, MOTION_COUNT
 from activeslam_gym.registry import FOREIGN, asked, name_of, number_of
-from activeslam_gym.sensors.sensor import OWN_SENSORS, TEXTURED
+from activeslam_gym.sensors.sensor import OWN_SENSORS
 from activeslam_gym.slam.estimate import Estimate, read_only, taken_estimate
 from activeslam_gym.threads import Workers
 from activeslam_gym.world.scenes import Scene
@@ -82,52 +79,12 @@ def _nees_per_dof(run: Run) -> dict[str, float]:
     }
 
 
-class Reads:
-    """B runs and what may be read of them: a batch has a leading axis B, a single environment (B = 1) none."""
-
-    def __init__(self, setting: Setting, runs: Run, workers: Workers) -> None:
-        task = setting.task
-        self.setting, self.scenario = setting, setting.scenario
-        self.gaze_period, self.motion_period = setting.gaze_period, setting.motion_period
-        """Times of a step and of a translation [s]."""
-        self.duration = setting.duration
-        """Time of an episode [s]."""
-        self.steps_per_motion = int(task.steps_per_motion)
-        """Steps in a motion period."""
-        self.lost_position_error = float(task.lost_position_error)
-        """Error of the position from which on a run is lost [m]."""
-        self._runs, self._workers, self._compiled = runs, workers, is_compiled(setting)
-        self._foreign_reward = int(task.reward) == FOREIGN  # a field of a record is slow to read
-        self._end_when_lost = bool(task.end_when_lost)
-        self._perceptions: list[Any] = [None] * len(runs.episode)
-        self._motion_frames = int(task.frames_per_step) * self.steps_per_motion
-        self._motion_plans = candidates.motion_plans(self._motion_frames)
-        held = min(round((self.scenario.gaze_horizon or 0.0) / self.scenario.frame_time), MOST_HELD_FRAMES)
-        self._gaze_plans = candidates.gaze_plans(max(int(task.frames_per_step), held))
-        self._joint_plans = candidates.joint_plans(self._motion_frames)
+class Reads(Runs):
+    """What may be read of B runs: a batch has a leading axis B, a single environment (B = 1) none."""
 
     def _given(self, batch: np.ndarray) -> Any:
         """``batch`` (B, ...) as readers get it."""
         raise NotImplementedError
-
-    def _reset_run(self, i: int, key: int) -> None:
-        """Restart run ``i`` from ``key``."""
-        with self._workers.alone:
-            start = reset_run(self.setting, self._runs, i, key)
-            if not self._compiled:
-                self._perceptions[i] = perception_of(self.setting, row(self._runs, i), start, key)
-
-    def _play(self, phases: np.ndarray, commands: np.ndarray) -> None:
-        """One step of every run: ``phases`` (B,) and ``commands`` (B, 4) as `episode.step_runs` takes them."""
-        if self._compiled:
-            self._workers.call(step_runs, self._runs, phases, commands)
-        elif self.setting.scenario.sensor in TEXTURED:
-            self._workers.call(step_runs_in_python, self._runs, self._perceptions, phases, commands)
-        else:  # parts in Python, whose threads would wait for each other
-            with self._workers.alone:
-                step_runs_in_python(self._runs, self._perceptions, phases, commands, 0, len(phases))
-        if self._foreign_reward:
-            give_foreign_reward(self.setting.reward, self.setting.potential, self._runs, phases)
 
     # For policies ---------------------------------------------------------------------------------------------------
 
@@ -252,14 +209,6 @@ class Reads:
         """The scene of each run."""
         foreign = [getattr(perception, "scene", None) for perception in self._perceptions]
         return tuple(scene or box_scene(row(self._runs, i)) for i, scene in enumerate(foreign))
-
-    def _at(self, i: int) -> Run:
-        """Run ``i``, with its whole estimate."""
-        complete(self._runs, i, i + 1)
-        return row(self._runs, i)
-
-    def _each(self) -> list[Run]:
-        return [self._at(i) for i in range(len(self._runs.episode))]
 
 
 class SingleReads(Reads):

@@ -10,7 +10,7 @@ from activeslam_gym.kernels import Record, borrowed, compiled, inlined, record
 from activeslam_gym.motion import MOTION, MOTION_COUNT
 from activeslam_gym.slam.belief import Belief, belief_at, write_estimate
 from activeslam_gym.slam.estimate import EstimateArrays, estimate_at
-from activeslam_gym.slam.frame import COUNTS, FILTER
+from activeslam_gym.slam.filter import COUNTS, FILTER
 from activeslam_gym.world.simulator import SENSOR, World, boxes_of, world_at
 
 TASK = record(
@@ -49,6 +49,16 @@ CONTROL = record(
 )
 """The motion under way."""
 
+OWNER = record(
+    id="i8",  # of the landmark of the estimate; 0: none
+    slot="i8",  # its place in the observation, for life
+    label="i8",  # of the detection that initialised it, or UNKNOWN
+    landmark="i8",  # index of that true landmark, or NO_OWNER
+)
+"""The data association, by hidden labels, of one landmark of the estimate."""
+NO_OWNER = -1
+UNKNOWN = -2  # the label of a landmark of which no detection is known yet
+
 _OF_THE_FILTER = COUNTS.names or ()
 EVENTS = record(**dict.fromkeys((*_OF_THE_FILTER, "wrong_matches", "false_features", "wall_contacts"), "i8"))
 """What happened in a step: counters."""
@@ -58,10 +68,10 @@ EPISODE = record(
     events=EVENTS,
     evaluation=EVALUATION,
     potential=("f8", (len(REWARDS) + 1,)),  # after the last step, by number; the last one is a foreign reward's
-    terms=("f8", (len(REWARDS) + 2,)),  # gains of the last step; the failure penalty is the last but one
+    gains=("f8", (len(REWARDS) + 2,)),  # of the potentials in the last step; the failure penalty is the last but one
     reward="f8",  # of the last step
     total="f8",  # return so far
-    gain="f8",  # entropy removed so far [bit]
+    entropy_reduction="f8",  # so far [bit]
     first_density="f8",  # log_density at the reset [bit]
     steps="i8",  # so far
     begun="b1",  # there has been a reset
@@ -119,15 +129,6 @@ def known_boxes(run: Run) -> np.ndarray:
     """The boxes that the belief knows to hide landmarks: all of the world's, or none."""
     boxes = boxes_of(run.world)
     return boxes if run.models.boxes_known else boxes[:0]
-
-
-@compiled
-def pose_for_control(run: Run) -> np.ndarray:
-    """(13,) the camera that the controller reads: the estimate of a robot, the truth where a person's hand moves it.
-
-    A person does not read the filter, and the filter does not know the person's commands.
-    """
-    return run.estimate.state.camera if run.models.motion.command_known else run.world.state.camera
 
 
 @compiled

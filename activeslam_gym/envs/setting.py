@@ -1,15 +1,22 @@
 """From the arguments of an environment to the constants of its runs."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from activeslam_gym.camera import camera_of
 from activeslam_gym.config import (
     BOUNDS,
+    BOXES,
+    CENTRE,
+    CLUSTERS,
+    CORNER,
+    INVERSE_DEPTH,
     KNOWN,
     MOST_HELD_FRAMES,
+    UNIFORM,
+    WALL,
     Scenario,
     did_you_mean,
     positive_number,
@@ -23,11 +30,13 @@ from activeslam_gym.envs.run import MODELS, TASK
 from activeslam_gym.information.candidates import UNLIMITED, SensorLimits
 from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.kernels import Record, filled
+from activeslam_gym.metrics import LOST_POSITION_ERROR
 from activeslam_gym.motion import motion_of
 from activeslam_gym.registry import name_of, number_of, part_of
 from activeslam_gym.sensors.sensor import OWN_SENSORS, TEXTURED
 from activeslam_gym.slam.ekf import ESTIMATORS
-from activeslam_gym.slam.frame import filter_of
+from activeslam_gym.slam.estimate import EKF
+from activeslam_gym.slam.filter import filter_of
 from activeslam_gym.world.room import scene_factory
 from activeslam_gym.world.simulator import sensor_of
 
@@ -35,6 +44,8 @@ _NO_FIELDS = (
     *("motion_period", "reward", "criterion", "lost_position_error", "end_when_lost", "render_mode", "render_size"),
 )
 """Arguments of an environment that no scenario has as a field."""
+_PARTS = {"scene": "scene", "sensor": "sensor", "estimator": "estimator", "criterion": "motion_criterion"}
+"""Arguments that take the place of a field of the scenario."""
 PICTURE_SIDE = (64, 8192)  # the least and the most pixels of a picture's side
 
 
@@ -71,26 +82,28 @@ def scenario_with(scenario: str | Mapping[str, Any] | Scenario, **parts: Any) ->
 
 
 def resolve(
-    scenario: str | Mapping[str, Any] | Scenario,
-    gaze_period: float | None,
-    motion_period: float,
-    duration: float | None,
-    reward: str | Potential,
-    lost_position_error: float,
+    scenario: str | Mapping[str, Any] | Scenario = "paper",
+    gaze_period: float | None = None,
+    motion_period: float = 1.0,
+    duration: float | None = None,
+    reward: str | Potential = "entropy",
+    lost_position_error: float = LOST_POSITION_ERROR,
     end_when_lost: bool = True,
-    **unknown: Any,
+    **others: Any,
 ) -> Setting:
-    """Check the arguments of an environment and work out its constants.
+    """Check the arguments of an environment and work out its constants; ``others``: ``scene``, ``sensor``,
+    ``estimator`` and ``criterion``.
 
     Raises:
-        TypeError: an argument is ``unknown``.
+        TypeError: there is no such argument.
         ValueError: an argument is unknown, out of range, or no whole number of the period that it must be made of; the
             message names it, its value and what is allowed.
     """
-    for name, value in unknown.items():
+    parts = {_PARTS[name]: others.pop(name) for name in _PARTS if name in others}
+    for name, value in others.items():
         field, near = (name, "") if name in BOUNDS else ("FIELD", did_you_mean(name, (*_NO_FIELDS, *BOUNDS)))
         raise TypeError(f"no argument {name}{near}; a scenario's fields are given as scenario={{{field!r}: {value!r}}}")
-    resolved = scenario_from(scenario)
+    resolved = scenario_with(scenario, **parts)
     if fitted := getattr(scene_factory(resolved.scene), "fitted", None):
         resolved = fitted(resolved)
     frame, most = resolved.frame_time, MOST_HELD_FRAMES
@@ -109,8 +122,6 @@ def resolve(
     part_of("scenario.sensor", resolved.sensor, OWN_SENSORS)
     part_of("scenario.motion_criterion", resolved.motion_criterion, CRITERIA)
     if resolved.sensor in TEXTURED:
-        from activeslam_gym.envs.textured import require_textured
-
         require_textured(resolved)
     task = filled(
         TASK,
@@ -177,8 +188,14 @@ def sensor_limits(scenario: Scenario) -> SensorLimits:
     return UNLIMITED
 
 
-def checked_size(size: Any) -> tuple[int, int]:
-    """Width and height of a picture [px]; a ValueError where it is not two whole numbers in `PICTURE_SIDE`."""
+def checked_rendering(mode: Any, modes: Sequence[str], size: Any) -> tuple[str | None, tuple[int, int]]:
+    """How pictures are asked for, None or one of the ``modes``, and their width and height [px].
+
+    Raises:
+        ValueError: it is no such mode, or the size is not two whole numbers in `PICTURE_SIDE`.
+    """
+    if mode is not None and not (isinstance(mode, str) and mode in modes):
+        raise ValueError(f"render_mode must be None or {' or '.join(map(repr, modes))}, got {mode!r}")
     least, most = PICTURE_SIDE
     try:
         width, height = (whole_number("render_size", side, least) for side in size)
@@ -186,4 +203,48 @@ def checked_size(size: Any) -> tuple[int, int]:
         width = height = 0
     if not 0 < max(width, height) <= most:
         raise ValueError(f"render_size must be (width, height) of {least} to {most} px, got {size!r}")
-    return width, height
+    return mode, (width, height)
+
+
+_DEMANDED: dict[str, Any] = {
+    "initialisation": INVERSE_DEPTH,
+    "estimator": EKF,
+    "boxes": (),
+    "box_count": (0, 0),
+    "inner_walls": (0, 0),
+    "varied": (),
+    "maximum_distance": None,
+    "clutter_rate": 0.0,
+    "missed_detection_probability": 0.0,
+    "labelled_first_match": False,
+}
+"""Fields of a scenario, as a textured room needs them."""
+_ALLOWED = {"start": (CENTRE, CORNER, WALL), "landmark_layout": (UNIFORM, CLUSTERS)}
+"""Values that they may have."""
+_UNUSED = "association", "restarts", "maximum_misses", "miss_spacing", "inverse_depth_memory"
+"""Fields that the front end does not read: it associates and deletes features by their looks."""
+_DEMANDED |= {name: getattr(Scenario(), name) for name in _UNUSED}
+
+
+def require_textured(scenario: Scenario) -> None:
+    """Raise where no textured room can be made of the scenario.
+
+    Raises:
+        ValueError: a field is not as `ActiveSLAMPixelsEnv` says.
+        ModuleNotFoundError: OpenCV is not installed.
+    """
+    from activeslam_gym.vision.opencv import opencv
+    from activeslam_gym.vision.room.camera import TARGET_CORNERS
+
+    opencv()
+    if scenario.has_foreign_scene:
+        message = f"scenario.scene must be {BOXES!r} with the sensor {scenario.sensor!r}"
+        raise ValueError(f"{message}, got {scenario.scene!r}")
+    for name, value in {"fiducial_count": TARGET_CORNERS, **_DEMANDED}.items():
+        if getattr(scenario, name) != value:
+            got = getattr(scenario, name)
+            raise ValueError(f"scenario.{name} must be {value!r} for {scenario.sensor}, got {got!r}")
+    for name, allowed in _ALLOWED.items():
+        if (value := getattr(scenario, name)) not in allowed:
+            message = f"scenario.{name} must be one of {', '.join(allowed)} for {scenario.sensor}"
+            raise ValueError(f"{message}, got {value!r}")

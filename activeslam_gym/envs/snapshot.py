@@ -1,18 +1,17 @@
-"""A moment of a run, as a painter needs it, and the history that pictures show."""
+"""A moment of a run, as a painter needs it."""
 
 from dataclasses import dataclass
-from typing import Any
 
+import gymnasium
 import numpy as np
 
 from activeslam_gym.config import Scenario
-from activeslam_gym.envs.public import public_belief
-from activeslam_gym.envs.run import Run, known_boxes
-from activeslam_gym.envs.setting import Setting
+from activeslam_gym.envs.public import Reads, public_belief
+from activeslam_gym.envs.run import known_boxes
 from activeslam_gym.information.expectation import WAITING
 from activeslam_gym.kernels import uncompiled
-from activeslam_gym.motion import POSITION, Gaze, Motion, nearest_motion
-from activeslam_gym.slam.estimator import COMPILED
+from activeslam_gym.motion import Gaze, Motion, nearest_gaze, nearest_motion
+from activeslam_gym.slam.estimate import COMPILED
 from activeslam_gym.slam.sight import sight_of_belief
 from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.simulator import boxes_of
@@ -69,32 +68,6 @@ class Snapshot:
     """(H, W) uint8 what the camera sees, where there is an image."""
 
 
-class History:
-    """The past that a picture shows: kept only by environments that render."""
-
-    def __init__(self) -> None:
-        self._moments: list[tuple[float, np.ndarray, np.ndarray, float]] = []
-        self._landmark_times: list[float] = []
-
-    def record(self, time: float, run: Run) -> None:
-        """Add the present moment."""
-        evaluation = run.episode.evaluation
-        positions = (camera[POSITION].copy() for camera in (run.world.state.camera, run.estimate.state.camera))
-        self._moments.append((time, *positions, float(evaluation.entropy)))
-        self._landmark_times += [time] * (int(evaluation.landmarks_mapped) - len(self._landmark_times))
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        """The fields of a `Snapshot` that tell the past."""
-        times, true_positions, positions, entropy = zip(*self._moments, strict=True) if self._moments else ((),) * 4
-        return {
-            "true_trajectory": np.reshape(true_positions, (-1, 3)),
-            "estimated_trajectory": np.reshape(positions, (-1, 3)),
-            "times": np.array(times),
-            "entropy": np.array(entropy),
-            "landmark_times": np.array(self._landmark_times),
-        }
-
-
 def _floor_plan(scene: Scene | None, position: np.ndarray) -> np.ndarray:
     """What level rays meet, from the camera's ``position`` and, where the ``scene`` knows some, from other places."""
     if scene is None:
@@ -111,39 +84,45 @@ def _floor_plan(scene: Scene | None, position: np.ndarray) -> np.ndarray:
     return met
 
 
-def snapshot_of(setting: Setting, run: Run, gaze: Gaze, history: History, perception: Any = None) -> Snapshot:
-    """The present moment of a run.
+def snapshot_of(runs: Reads, i: int) -> Snapshot:
+    """The present moment of run ``i``.
 
     With images it has the last one, and of the truth those scene points that features stand for.
+
+    Raises:
+        gymnasium.error.ResetNeeded: it has not begun.
     """
-    belief, truth = public_belief(run), truth_of(run.world)
-    scenario, episode, image = setting.scenario, run.episode, getattr(perception, "image", None)
+    if not runs._runs.episode["begun"][i]:
+        raise gymnasium.error.ResetNeeded("there is nothing to show before the first reset()")
+    run, perception, scenario = runs._at(i), runs._perceptions[i], runs.scenario
+    belief, truth, episode = public_belief(run), truth_of(run.world), run.episode
+    image = getattr(perception, "image", None)
     points = sight_of_belief(run.models.camera, run.ekf, run.world.fiducials, uncompiled(known_boxes)(run))
     drawn = len(points.point) if scenario.estimator in COMPILED else 0  # another estimator's predictions are its own
     own = 2 * np.arange(drawn)[:, None, None] + np.arange(2)
     return Snapshot(
         scenario=scenario,
-        time=int(episode.steps) * setting.gaze_period,
-        duration=setting.duration,
+        time=int(episode.steps) * runs.gaze_period,
+        duration=runs.duration,
         motion=nearest_motion(episode.control.command),
-        gaze=gaze,
+        gaze=nearest_gaze(runs._commands[i, 3]),
         room_size=2.0 * run.models.motion.half,
         boxes=boxes_of(run.world).copy(),
         floor_plan=_floor_plan(getattr(perception, "scene", None), truth.position),
         true_position=truth.position,
         true_quaternion=truth.quaternion,
-        true_landmarks=truth.landmarks if image is None else truth.landmarks[run.expected["serial"] != WAITING],
+        true_landmarks=truth.landmarks if image is None else truth.landmarks[run.expected["feature"] != WAITING],
         fiducials=truth.fiducials,
         position=belief.position,
         quaternion=belief.quaternion,
         covariance=belief.covariance,
         landmarks=belief.landmarks,
         mapped=belief.mapped,
-        expected_landmarks=run.expected["point"][run.expected["serial"] == WAITING],
+        expected_landmarks=run.expected["point"][run.expected["feature"] == WAITING],
         detections=run.detections["pixel"][: episode.detection_count].copy(),
         predicted=points.point["z_hat"][:drawn].copy(),
         predicted_covariance=points.S[np.swapaxes(own, 1, 2), own],
-        **history.arrays(),
+        **runs._histories[i].arrays(),
         image_size=np.array([scenario.image_width, scenario.image_height], float),
         image=image,
     )

@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from activeslam_gym.envs.episode import info_at
+from activeslam_gym.envs.info import info_at
 from activeslam_gym.evaluation.episode import Episode, nearest
 from activeslam_gym.motion import Gaze
 

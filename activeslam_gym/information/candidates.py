@@ -111,7 +111,7 @@ def predicted_belief_of(
         copy_into(points[k], estimate.landmark[located[k]].point)
     copy_block(gathered(estimate.covariance, located[:0], located), P)
     for e in range(expected.shape[0]):
-        if expected[e].serial == WAITING:
+        if expected[e].feature == WAITING:
             copy_into(points[n], expected[e].point)
             for i in range(3):
                 P[CAMERA_DIM + 3 * n + i, CAMERA_DIM + 3 * n + i] = landmark_var[i]

@@ -12,7 +12,7 @@ from activeslam_gym.slam.estimate import EstimateArrays, index_of
 VIEW = record(pose=("f8", 7), axis=("f8", 3))  # a viewpoint: position and quaternion, and the optical axis
 EXPECTED = record(
     point=("f8", 3),  # where it is expected [m]; uncorrelated with the truth
-    serial="i8",  # id of the counting feature that has retired it, or WAITING
+    feature="i8",  # id of the counting feature that has retired it, or WAITING
     looked="i8",  # frames that it has been looked at, see `envs.disproof`; -1: to no avail
     looked_from=VIEW,  # and from where
     redraws="i8",  # so far
@@ -30,8 +30,8 @@ def update_expectation(expected: np.ndarray, landmark_var: np.ndarray, estimate:
     landmark back. Rays never count. To be called after every frame.
     """
     for e in range(expected.shape[0]):
-        if expected[e].serial != WAITING and index_of(estimate, expected[e].serial) < 0:
-            expected[e].serial = WAITING
+        if expected[e].feature != WAITING and index_of(estimate, expected[e].feature) < 0:
+            expected[e].feature = WAITING
     bound = math.log2(landmark_var[0] * landmark_var[1] * landmark_var[2])
     counting = find_counting(expected, estimate)
     for k in range(estimate.state.count):
@@ -43,7 +43,7 @@ def update_expectation(expected: np.ndarray, landmark_var: np.ndarray, estimate:
             e = _nearest_expected(expected, landmark_var, landmark.point, P_y)
             if e < 0:
                 return
-            expected[e].serial = landmark.id
+            expected[e].feature = landmark.id
 
 
 @compiled
@@ -53,7 +53,7 @@ def _nearest_expected(expected: np.ndarray, landmark_var: np.ndarray, y: np.ndar
     cholesky_in_place(U)
     best, nearest = -1, np.inf
     for e in range(expected.shape[0]):
-        if expected[e].serial == WAITING:
+        if expected[e].feature == WAITING:
             d = expected[e].point - y
             solve_transposed_vector(U, d)
             square = sum_of_squares(d)
@@ -67,8 +67,8 @@ def find_counting(expected: np.ndarray, estimate: EstimateArrays) -> np.ndarray:
     """(n,) bool: which features, oldest first, count: have retired an expected landmark."""
     out = np.zeros(estimate.state.count, np.bool_)
     for e in range(expected.shape[0]):
-        if expected[e].serial != WAITING:
-            k = index_of(estimate, expected[e].serial)
+        if expected[e].feature != WAITING:
+            k = index_of(estimate, expected[e].feature)
             if k >= 0:
                 out[k] = True
     return out
@@ -77,4 +77,4 @@ def find_counting(expected: np.ndarray, estimate: EstimateArrays) -> np.ndarray:
 @compiled
 def waiting_count(expected: np.ndarray) -> int:
     """How many expected landmarks no feature has retired."""
-    return np.sum(expected["serial"] == WAITING)
+    return np.sum(expected["feature"] == WAITING)

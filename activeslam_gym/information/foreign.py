@@ -16,7 +16,7 @@ from activeslam_gym.kernels import Record
 from activeslam_gym.linalg import cholesky_in_place, log2_det
 from activeslam_gym.motion import CAMERA_DIM, POSITION, turn_of
 from activeslam_gym.registry import array_of, name_of, number_from, part_of
-from activeslam_gym.slam.sight import INSIDE, MAP_POINT, Sight, sight_with
+from activeslam_gym.slam.sight import INSIDE, PREDICTED, Sight, sight_with
 
 
 def score_plans_with(
@@ -70,7 +70,7 @@ def sight_by(sensor: Any, belief: PredictedBelief, pixel_var: float, P: np.ndarr
     seen = np.flatnonzero(array_of("visible()", sensor.visible(pose, places), (len(places),), bool)).tolist()
     whitening = np.sqrt(pixel_var) * np.linalg.inv(np.linalg.cholesky(sensor.noise))
     pairs = (len(sensor.noise) + 1) // 2
-    points = np.zeros(pairs * len(seen), MAP_POINT)
+    points = np.zeros(pairs * len(seen), PREDICTED)
     for a, row in enumerate(seen):
         _, H_x, H_y = sensor.predict(pose, places[row])
         for H, field, width in ((H_x, "H_camera", 6), (H_y, "H_feature", 3)):

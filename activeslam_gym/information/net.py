@@ -30,7 +30,7 @@ from activeslam_gym.linalg import (
     subtract_symmetric,
 )
 from activeslam_gym.motion import CAMERA_DIM, open_loop, turn_of
-from activeslam_gym.slam.sight import MAP_POINT, POSE_DIM, point_measurement
+from activeslam_gym.slam.sight import POSE_DIM, PREDICTED, point_measurement
 
 ABSENT = -1  # in place of a point's first row in Y: it is not in the state yet
 
@@ -93,7 +93,7 @@ def net_of_plans(
     noise = Noise(np.empty(most), np.zeros(most, np.int64), np.empty(shape), np.empty(shape), np.empty(shape))
     C, J, pose = np.empty((CAMERA_DIM, CAMERA_DIM)), np.empty((POSE_DIM, POSE_DIM)), rest.camera
     Y, start = np.zeros((CAMERA_DIM + 3 * M, CAMERA_DIM + 3 * M)), CAMERA_DIM + 3 * np.arange(M)
-    points = np.empty(1, MAP_POINT)
+    points = np.empty(1, PREDICTED)
     for a in range(plans.shape[0]):
         copy_block(Y_begin, Y)
         start[M - rest.waiting :] = ABSENT

@@ -57,8 +57,8 @@ class ExpectedMap:
 
         U begins with the features in the landmarks' order. It is None where the covariance is not positive definite.
         """
-        serials = self._expected["serial"]
-        of_landmark = np.where(serials == WAITING, -1, np.searchsorted(self._filter.ids, serials))
+        features = self._expected["feature"]
+        of_landmark = np.where(features == WAITING, -1, np.searchsorted(self._filter.ids, features))
         U = gathered(self._front_end.estimate().covariance, of_landmark[of_landmark >= 0], of_landmark[:0])
         return of_landmark, U if cholesky_in_place(U) else None
 

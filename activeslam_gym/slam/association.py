@@ -1,25 +1,23 @@
-"""Unknown correspondence: joint, unambiguous matches inside chi-square gates.
+"""Data association: by certain ids, or joint and unambiguous inside chi-square gates.
 
 The paper matches each measurement to the nearest predicted feature inside its ellipse. That swaps fiducials under the
 prior's wide ellipses and takes wrong landmarks after a full turn, and one wrong match makes the next ones. So:
 
 1. "Near" is by likelihood, cost = d^2 + ln |S|: plain Mahalanobis distance favours whatever is uncertain.
-2. A sharply predicted row is matched if it and the detection are each other's best and no rival inside the
-   initialisation gate comes within a margin. The joint Gaussian of the other predicted pixels is conditioned on it
-   (sequential compatibility nearest neighbour, with the compatibility test that Neira and Tardos, "Data association in
-   stochastic mapping using the joint compatibility test", 2001, ask for).
-3. What is left is matched jointly, by their branch and bound over the joint Gaussian. They count pairs. Here an
-   assignment gives each prediction a detection or none, and its log likelihood against "all are of nothing known" is
+2. A sharp prediction is matched if it and the detection are each other's best and no rival inside the initialisation
+   gate comes within a margin. The joint Gaussian of the other predicted pixels is conditioned on it (sequential
+   compatibility nearest neighbour; Neira and Tardos, "Data association in stochastic mapping using the joint
+   compatibility test", 2001).
+3. The rest is matched jointly, by their branch and bound. They count pairs; here an assignment gives each prediction a
+   detection or none, and its log likelihood against "all are of nothing known" is
 
        sum over pairs    ln N(z; z_hat, S | the pairs before) - ln(unmapped detections per px^2)
      + sum over others   ln(1 - P_D P(its pixel is in the image)).
 
    A pair is accepted when the best assignment leads all that answer otherwise for its prediction by a margin, a smaller
    one where it was seen lately: a feature that comes back does so beside unknown landmarks, by a pose that has drifted.
-4. Everything else that is near a prediction, given all matches, waits for a clearer frame: it gives no initialisation,
-   and it is no miss.
-5. Two predictions side by side wait too. Between them the noise decides, and to match whenever it pulls them apart
-   would make them drift apart in the map.
+4. All else near a prediction, given all matches, waits for a clearer frame: it is neither a new feature nor a miss.
+5. Two predictions side by side wait too: the noise decides between them, and would drive them apart in the map.
 6. So does a feature by inverse depth while two detections that no other prediction explains are in its gate, and a
    moment longer: its ellipse is long, and takes the one for the other when that is missed.
 """
@@ -32,14 +30,19 @@ import numpy as np
 from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, borrowing, compiled, constants
 from activeslam_gym.linalg import copy_into, submatrix
-from activeslam_gym.slam.belief import INVERSE_DEPTH, KIND_DIM
+from activeslam_gym.slam.belief import INVERSE_DEPTH, KIND_DIM, Belief
+from activeslam_gym.slam.depth_particles import follow_rays
 from activeslam_gym.slam.detection import (
+    MISSED,
     NEW,
     REJECTED,
     UNASSOCIATED,
+    WAITS,
+    Hypotheses,
+    accept,
     chi_square_2_quantile,
-    condition,
-    distance_and_det,
+    hypotheses,
+    measure_distances,
     predicted_pixels,
 )
 from activeslam_gym.slam.sight import Sight, pixel_rows
@@ -70,68 +73,87 @@ ASSOCIATION, association_of = constants(
 """Constants of the association."""
 
 
-class Hypotheses(NamedTuple):
-    """What M detections may be of: the Gaussian of v predicted pixels, given the matches so far, and the distances."""
+@compiled
+def associate(
+    models: Record,
+    belief: Belief,
+    boxes: np.ndarray,
+    sight: Sight,
+    detections: np.ndarray,
+    labelled: bool,
+    counts: Record,
+) -> np.ndarray:
+    """Match ``detections`` (M,) to the predictions in ``sight`` (v,) and to rays; writes ``detections.match``.
 
-    z: np.ndarray  # (2 v,) predicted pixels [px]
-    S: np.ndarray  # (2 v, 2 v) their joint covariance; each detection adds its own R [px^2]
-    d2: np.ndarray  # (v, M) squared Mahalanobis distances; inf where the ids differ, or one of the two is matched
-    cost: np.ndarray  # (v, M) d^2 + ln |S + R| - 2 log_ratio: -2 ln of the likelihood, less a constant
+    Returns (v,) the detection of each prediction, or MISSED, or WAITS. ``labelled``: the detections' ids are certain;
+    one without an id is of nothing known. ``boxes`` are those that the filter knows to occlude.
+    """
+    if labelled:
+        matches = match_by_id(sight, detections)
+    else:
+        matches = match_unknown(models.filter.association, sight, detections, belief.state.count)
+    if belief.particles.shape[1] > 0:
+        follow_rays(models.camera, models.filter.particles, belief, boxes, detections, labelled)
+    for one in detections:
+        counts.rejected_matches += one.match == REJECTED
+    return matches
 
 
 @compiled
-def associate(model: Record, sight: Sight, detections: np.ndarray, features: int, waits: np.ndarray) -> np.ndarray:
+def match_by_id(sight: Sight, detections: np.ndarray) -> np.ndarray:
+    """(v,) the likeliest detection that bears each prediction's id, or MISSED; ``detections.match`` are their ids."""
+    matches = np.full(sight.point.shape[0], MISSED)
+    for i in range(detections.shape[0]):
+        detections[i].match = detections[i].id if detections[i].id != UNASSOCIATED else NEW
+        for a in range(matches.shape[0]):
+            rival = matches[a]
+            if detections[i].id == sight.point[a].id and (
+                rival < 0 or detections[i].log_ratio > detections[rival].log_ratio
+            ):
+                matches[a] = i
+    return matches
+
+
+@compiled
+def match_unknown(model: Record, sight: Sight, detections: np.ndarray, features: int) -> np.ndarray:
     """Match ``detections`` (M,) to the predictions in ``sight`` (v,) of a map with so many ``features``.
 
-    Returns (v,) the detection of each prediction, or -1, and sets ``detections.match``. ``waits`` (v,) bool is set for
-    the predictions that a detection may be of without being clear enough to match.
+    Returns (v,) the detection of each prediction, or MISSED, or WAITS where a detection may be of it without being
+    clear enough; sets ``detections.match``.
     """
     points, v, M = sight.point, sight.point.shape[0], detections.shape[0]
     z, S = predicted_pixels(sight)
-    h, of_point, settled = hypotheses(points, z, S, detections), np.full(v, -1), False
+    h, matches, settled = hypotheses(points, z, S, detections), np.full(v, MISSED), False
     pair_worth = 0.5 * model.clutter_cost - math.log(expected_unmapped(model, features))
     while True:
-        while _match_clear(model, h, detections, of_point):
+        while _match_clear(model, h, detections, matches):
             pass
         if settled:  # what a search of everything leaves open stays so
             break
-        settled = match_jointly(model, h, points, detections, pair_worth, of_point)
+        settled = match_jointly(model, h, points, detections, pair_worth, matches)
     h, free = hypotheses(points, z, S, detections), np.ones(M, np.bool_)  # given all matches
     for a in range(v):
-        if of_point[a] >= 0:
-            free[of_point[a]] = False
+        if matches[a] >= 0:
+            free[matches[a]] = False
     for i in range(M):
         detections[i].match = NEW
         for a in range(v):
             if free[i] and h.d2[a, i] < model.new_feature_gate:
                 detections[i].match = REJECTED
-                waits[a] |= of_point[a] < 0
+                matches[a] = matches[a] if matches[a] >= 0 else WAITS
     for a in range(v):
-        i = of_point[a]
+        i = matches[a]
         if i >= 0 and detections[i].id == UNASSOCIATED and _has_twin(model, points, a):
-            detections[i].match, of_point[a], waits[a] = REJECTED, -1, True
+            detections[i].match, matches[a] = REJECTED, WAITS
         elif i >= 0:
             detections[i].match = points[a].id
     for a in range(v):
-        i, point = of_point[a], points[a]
+        i, point = matches[a], points[a]
         if point.width == KIND_DIM[INVERSE_DEPTH] and _is_crowded(model, h, a, detections, point.id):
             point.crowded = 0
         if i >= 0 and detections[i].id == UNASSOCIATED and point.crowded < model.crowded:
-            detections[i].match, of_point[a], waits[a] = REJECTED, -1, True
-    return of_point
-
-
-@compiled
-def hypotheses(points: np.ndarray, z: np.ndarray, S: np.ndarray, detections: np.ndarray) -> Hypotheses:
-    """All that ``detections`` (M,) may be of the ``points`` (v,), which are predicted at ``z`` (2 v,) with ``S``."""
-    shape = points.shape[0], detections.shape[0]
-    h = Hypotheses(z, S, np.zeros(shape), np.full(shape, np.inf))
-    for a in range(points.shape[0]):
-        for i in range(detections.shape[0]):
-            if detections[i].id != UNASSOCIATED and detections[i].id != points[a].id:
-                h.d2[a, i] = np.inf
-    measure_distances(h, detections)
-    return h
+            detections[i].match, matches[a] = REJECTED, WAITS
+    return matches
 
 
 @borrowing
@@ -172,16 +194,16 @@ def expected_unmapped(model: Record, features: int) -> float:
 
 
 @compiled
-def _match_clear(model: Record, h: Hypotheses, detections: np.ndarray, of_point: np.ndarray) -> bool:
+def _match_clear(model: Record, h: Hypotheses, detections: np.ndarray, matches: np.ndarray) -> bool:
     """Match every sharp prediction that has a clear partner, and condition the rest on them; whether there was any."""
-    partner, found = np.full(of_point.shape[0], -1), False
+    partner, found = np.full(matches.shape[0], -1), False
     for a in range(partner.shape[0]):
-        if of_point[a] < 0 and _longest_square(h.S, a) <= model.sharp_var:
+        if matches[a] < 0 and _longest_square(h.S, a) <= model.sharp_var:
             partner[a] = _clear_partner(model, h, a)
             found |= partner[a] >= 0
     for a in range(partner.shape[0]):
         if partner[a] >= 0:
-            of_point[a] = partner[a]
+            matches[a] = partner[a]
             accept(h, a, partner[a], detections)
     if found:
         measure_distances(h, detections)
@@ -237,9 +259,9 @@ def match_jointly(
     points: np.ndarray,
     detections: np.ndarray,
     pair_worth: float,
-    of_point: np.ndarray,
+    matches: np.ndarray,
 ) -> bool:
-    """Match the open predictions of ``h`` together, write ``of_point`` (v,), and condition the rest on the matches.
+    """Match the open predictions of ``h`` together, write ``matches`` (v,), and condition the rest on the matches.
 
     Returns whether another search can find no more: this one took all predictions in reach, or matched none. It is
     bounded by nodes, never by the clock: where they run out, the sharper half of the predictions is searched by itself,
@@ -262,7 +284,7 @@ def match_jointly(
         lately = points[a].id > 0 and points[a].unseen <= model.lately
         lead = model.lately_margin if lately else model.margin
         if i != detections.shape[0] and search.best[0] - other >= lead:
-            of_point[a] = i
+            matches[a] = i
             accept(h, a, i, detections)
             matched += 1
     measure_distances(h, detections)
@@ -375,24 +397,3 @@ def log_missed(model: Record, h: Hypotheses, a: int) -> float:
     inside_u = 0.5 * (math.erf((model.width - u) / wide_u) + math.erf(u / wide_u))
     inside_v = 0.5 * (math.erf((model.height - v) / wide_v) + math.erf(v / wide_v))
     return math.log(1.0 - model.detection_probability * inside_u * inside_v)
-
-
-@borrowing
-def measure_distances(h: Hypotheses, detections: np.ndarray) -> None:
-    """Write the distances and costs that are not infinite."""
-    for a in range(h.d2.shape[0]):
-        last, log_det = math.nan, math.nan  # of the detection before: most share one R
-        for i in range(detections.shape[0]):
-            if h.d2[a, i] < np.inf:
-                h.d2[a, i], det = distance_and_det(h.z, h.S, a, detections[i])
-                if det != last:
-                    last, log_det = det, math.log(det)
-                h.cost[a, i] = h.d2[a, i] + log_det - 2.0 * detections[i].log_ratio
-
-
-@compiled
-def accept(h: Hypotheses, a: int, i: int, detections: np.ndarray) -> None:
-    """Match prediction ``a`` to detection ``i``, and condition all predictions on it."""
-    h.d2[a, :] = np.inf
-    h.d2[:, i] = np.inf
-    condition(h.z, h.S, a, detections[i])

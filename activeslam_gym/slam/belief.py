@@ -10,8 +10,8 @@ to the youngest, each with the dimensions of its kind.
 | RAY | 5 | anchor (3), azimuth, elevation; its depth is a particle distribution |
 | INVERSE_DEPTH | 6 | anchor (3), azimuth, elevation, inverse depth |
 
-A feature has an id, its serial number, which no other feature ever has; and a slot for life, by which observations and
-particles know it. The ids of fiducials are negative, see `fiducial_id`.
+A feature has an id, the number of its initialisation, which no other feature ever has; and a slot for life, by which
+its particles know it. The ids of fiducials are negative, see `fiducial_id`.
 """
 
 import math
@@ -33,8 +33,7 @@ from activeslam_gym.motion import (
     POSITION,
     QUATERNION,
 )
-from activeslam_gym.slam.estimate import EstimateArrays
-from activeslam_gym.slam.estimator import COMPILED
+from activeslam_gym.slam.estimate import COMPILED, EstimateArrays
 
 INVARIANT, PLAIN = 0, 1
 """Variants of the compiled estimators, in their order: the default, and its plain tangent."""
@@ -49,11 +48,11 @@ MOST_BIASED = 4  # fiducials whose pixels may have biases
 
 STATE = record(
     camera=("f8", CAMERA_SIZE),  # mean: position, quaternion, velocity, angular velocity
-    bias=("f8", 2 * MOST_BIASED),  # mean: u and v of each fiducial's pixel [px]; see `map.draw_bias`
+    bias=("f8", 2 * MOST_BIASED),  # mean: u and v of each fiducial's pixel [px]; see `appearance.draw_bias`
     bias_dim="i8",  # covariance rows of the biases: two for each fiducial, or 0
     dim="i8",  # covariance rows in use
     count="i8",  # features in use
-    serial="i8",  # initialisations so far
+    initialised="i8",  # features so far
     frame="i8",  # frames so far
     variant="i8",  # INVARIANT or PLAIN: the tangent of the estimator
     fiducial_nis="f8",  # running mean of the fiducials' normalised innovations squared; see `restart`
@@ -66,7 +65,7 @@ FEATURE = record(
     mean=("f8", FEATURE_SIZE),
     kind="i8",  # RAY, INVERSE_DEPTH or POINT
     start="i8",  # first covariance row
-    serial="i8",  # number of the initialisation, counted from 1: the feature's id
+    id="i8",  # number of its initialisation, counted from 1
     slot="i8",
     born="i8",  # frame of initialisation
     seen="i8",  # frame of the last match, or of the initialisation
@@ -134,7 +133,7 @@ def empty_beliefs(scenario: Scenario, count: int) -> Belief:
 def reset_belief(belief: Belief, camera: np.ndarray, covariance: np.ndarray) -> None:
     """Give the belief its prior: a ``camera`` (13,) with that ``covariance`` (12, 12), and no feature."""
     belief.state.camera[:] = camera
-    belief.state.dim, belief.state.count, belief.state.serial, belief.state.frame = CAMERA_DIM, 0, 0, 0
+    belief.state.dim, belief.state.count, belief.state.initialised, belief.state.frame = CAMERA_DIM, 0, 0, 0
     belief.state.fiducial_nis, belief.state.bias_dim = 1.0, 0
     belief.covariance[...] = 0.0
     belief.covariance[:CAMERA_DIM, :CAMERA_DIM] = covariance
@@ -311,7 +310,7 @@ def write_outline(belief: Belief, estimate: EstimateArrays) -> None:
     estimate.state.count, estimate.state.whole = belief.state.count, False
     for k in range(belief.state.count):
         feature, landmark = belief.feature[k], estimate.landmark[k]
-        landmark.id, landmark.located = feature.serial, feature.kind != RAY
+        landmark.id, landmark.located = feature.id, feature.kind != RAY
 
 
 @compiled

@@ -79,7 +79,7 @@ def follow_rays(
         feature = belief.feature[rays.feature[r]]
         matched, in_view = -1, True
         for i in range(detections.shape[0]):
-            if detections[i].match == feature.serial:
+            if detections[i].match == feature.id:
                 matched = i
         for j in range(rays.visibility.shape[1]):
             in_view &= belief.particles[feature.slot, j, 1] == 0.0 or rays.visibility[r, j] == INSIDE
@@ -136,9 +136,9 @@ def _match_rays(model: Record, belief: Belief, rays: Rays, detections: np.ndarra
     near, of_ray, ray_of = np.zeros(M, np.bool_), np.full(R, -1), np.full(M, -1)
     ray_cost, cost = np.full(R, np.inf), np.full(M, np.inf)  # the least of each ray, and of each detection
     for r in range(R):
-        serial = belief.feature[rays.feature[r]].serial
+        id = belief.feature[rays.feature[r]].id
         for i in range(M):
-            if detections[i].match == NEW and (detections[i].id == UNASSOCIATED or detections[i].id == serial):
+            if detections[i].match == NEW and (detections[i].id == UNASSOCIATED or detections[i].id == id):
                 d2, value = ray_distance(belief, rays, r, detections[i])
                 near[i] |= d2 < model.new_feature_gate
                 if d2 < model.gate and value < ray_cost[r]:
@@ -149,7 +149,7 @@ def _match_rays(model: Record, belief: Belief, rays: Rays, detections: np.ndarra
         if near[i]:
             r = ray_of[i]
             mutual = r >= 0 and of_ray[r] == i
-            detections[i].match = belief.feature[rays.feature[r]].serial if mutual else REJECTED
+            detections[i].match = belief.feature[rays.feature[r]].id if mutual else REJECTED
 
 
 @borrowing

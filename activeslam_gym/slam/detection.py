@@ -1,6 +1,7 @@
-"""Detections, and the joint Gaussian of the predicted pixels, by which their distance from the map is judged."""
+"""Detections, and what each may be of: the joint Gaussian of the predicted pixels, and the distances from it."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,8 @@ DETECTION = record(
 UNASSOCIATED = 0
 NEW, REJECTED = 0, -(2**62)
 """A detection that nothing known explains; one that something may explain, too unclear to be used."""
+MISSED, WAITS = -1, -2
+"""A prediction without a detection; one that a detection may be of, too unclear to be used."""
 
 
 def chi_square_2_quantile(probability: float) -> float:
@@ -75,3 +78,46 @@ def condition(z: np.ndarray, S: np.ndarray, a: int, detection: Record) -> None:
         z[i] += g0 * x + g1 * y
         for j in range(c0.shape[0]):
             row[j] -= g0 * c0[j] + g1 * c1[j]
+
+
+class Hypotheses(NamedTuple):
+    """What M detections may be of: the Gaussian of v predicted pixels, given the matches so far, and the distances."""
+
+    z: np.ndarray  # (2 v,) predicted pixels [px]
+    S: np.ndarray  # (2 v, 2 v) their joint covariance; each detection adds its own R [px^2]
+    d2: np.ndarray  # (v, M) squared Mahalanobis distances; inf where the ids differ, or one of the two is matched
+    cost: np.ndarray  # (v, M) d^2 + ln |S + R| - 2 log_ratio: -2 ln of the likelihood, less a constant
+
+
+@compiled
+def hypotheses(points: np.ndarray, z: np.ndarray, S: np.ndarray, detections: np.ndarray) -> Hypotheses:
+    """All that ``detections`` (M,) may be of the ``points`` (v,), which are predicted at ``z`` (2 v,) with ``S``."""
+    shape = points.shape[0], detections.shape[0]
+    h = Hypotheses(z, S, np.zeros(shape), np.full(shape, np.inf))
+    for a in range(points.shape[0]):
+        for i in range(detections.shape[0]):
+            if detections[i].id != UNASSOCIATED and detections[i].id != points[a].id:
+                h.d2[a, i] = np.inf
+    measure_distances(h, detections)
+    return h
+
+
+@borrowing
+def measure_distances(h: Hypotheses, detections: np.ndarray) -> None:
+    """Write the distances and costs that are not infinite."""
+    for a in range(h.d2.shape[0]):
+        last, log_det = math.nan, math.nan  # of the detection before: most share one R
+        for i in range(detections.shape[0]):
+            if h.d2[a, i] < np.inf:
+                h.d2[a, i], det = distance_and_det(h.z, h.S, a, detections[i])
+                if det != last:
+                    last, log_det = det, math.log(det)
+                h.cost[a, i] = h.d2[a, i] + log_det - 2.0 * detections[i].log_ratio
+
+
+@compiled
+def accept(h: Hypotheses, a: int, i: int, detections: np.ndarray) -> None:
+    """Match prediction ``a`` to detection ``i``, and condition all predictions on it."""
+    h.d2[a, :] = np.inf
+    h.d2[:, i] = np.inf
+    condition(h.z, h.S, a, detections[i])

@@ -1,4 +1,4 @@
-"""The filter in plain Python, for any sensor: the reference of `frame.filter_frame`, which is compiled for pixels.
+"""The filter in plain Python, for any sensor: the reference of the filter that `envs.step` runs, compiled for pixels.
 
 Everything that a sensor enters is written out here in NumPy, by the sensor's own predictions and Jacobians: predicted
 measurements, the iterated update, and initialisation. The motion model, the data association and the care of the map do
@@ -26,12 +26,9 @@ from activeslam_gym.slam.belief import (
     point_of,
     reset_belief,
 )
-from activeslam_gym.slam.depth_particles import follow_rays
 from activeslam_gym.slam.detection import NEW, REJECTED
-from activeslam_gym.slam.estimate import Estimate, taken_estimate
-from activeslam_gym.slam.estimator import EKF, EKF_PLAIN, Measurements
+from activeslam_gym.slam.estimate import EKF, EKF_PLAIN, Estimate, Measurements, taken_estimate
 from activeslam_gym.slam.filter import Filter, detections_of
-from activeslam_gym.slam.frame import count_misses, match_by_id
 from activeslam_gym.slam.kalman import (
     ITERATIONS,
     MINIMUM_INVERSE_DEPTH,
@@ -42,11 +39,17 @@ from activeslam_gym.slam.kalman import (
     shift_mean,
     subtract_and_recentre,
     turning,
-    update_contact,
 )
-from activeslam_gym.slam.map import add_landmark, append_feature, delete_failed, follow_tracks, promote, room_for
+from activeslam_gym.slam.map import (
+    add_landmark,
+    append_feature,
+    convert_and_delete,
+    count_misses,
+    follow_tracks,
+    room_for,
+)
 from activeslam_gym.slam.restart import contradicted, restart
-from activeslam_gym.slam.sight import MAP_POINT, NEAR, POSE_DIM, PRODUCT_FRAMES, Sight, sight_of_belief, sight_with
+from activeslam_gym.slam.sight import NEAR, POSE_DIM, PREDICTED, PRODUCT_FRAMES, Sight, sight_of_belief, sight_with
 
 _DEPTHS = 0.2 * 1.15 ** np.arange(35.0)  # where the depth of a new landmark is looked for first: 0.2 to 23 m
 _STEPS = 10  # of Gauss and Newton from there
@@ -55,7 +58,7 @@ _STEPS = 10  # of Gauss and Newton from there
 class Ekf:
     """The extended Kalman filter as an `Estimator`, for any ``sensor`` (see `sensors.sensor.Sensor`).
 
-    With the sensor `points` the environment runs `frame.filter_frame` instead, which is compiled.
+    With the sensor `points` the environment runs the compiled filter instead, see `envs.step`.
     """
 
     def __init__(self, scenario: Scenario, fiducials: np.ndarray, sensor: Any) -> None:
@@ -70,35 +73,24 @@ class Ekf:
 
     def predict(self, u: np.ndarray, dt: float, contact: bool = False) -> None:
         """Go on by ``dt`` seconds: x = f(x, u), P = F P F^T + Q."""
-        if contact:
-            update_contact(self.belief, u, dt)
-        predict(self.models.motion, self.belief, u, dt)
+        predict(self.models.motion, self.belief, u, dt, contact)
         self.time += dt
 
     def update(self, measurements: Measurements) -> np.ndarray:
         """Associate, update, and initialise features; (M,) what each measurement was matched to."""
-        belief, lens, model, K = self.belief, self.models.camera, self.models.filter, len(self.fiducials)
+        belief, model, counts = self.belief, self.models.filter, self._filter.counts
         values, noise = measurements.values, measurements.noise
         found = detections_of(values[:, :2], noise[:, :2, :2], measurements.ids)
         sight = self.predicted()
-        waits = np.zeros(len(sight.point), bool)
-        if labelled := self._is_labelled():
-            of_point = match_by_id(sight, found)
-        else:
-            of_point = associate(model.association, sight, found, belief.state.count, waits)
-        if belief.particles.shape[1] > 0:
-            follow_rays(lens, model.particles, belief, self.boxes, found, labelled)
-        if contradicted(model.restart, belief, sight, found, of_point, waits):
+        matches = associate(self.models, belief, self.boxes, sight, found, self._is_labelled(), counts)
+        count_misses(model.initialisation, belief, len(self.fiducials), sight, matches)
+        if contradicted(model.restart, belief, sight, found, matches):
             restart(model.restart, belief)
             found["match"] = REJECTED
-        else:
-            count_misses(model.initialisation, belief, K, sight, of_point, waits)
-            matched = np.flatnonzero(of_point >= 0)
-            if len(matched):
-                self.correct(sight.point[matched], values[of_point[matched]], noise[of_point[matched]])
-            promote(model.initialisation, belief)
-            delete_failed(model.initialisation, belief)
-        for i in follow_tracks(lens, model.initialisation, belief, found):
+        elif len(matched := np.flatnonzero(matches >= 0)):
+            self.correct(sight.point[matched], values[matches[matched]], noise[matches[matched]])
+        convert_and_delete(model.initialisation, belief, counts)
+        for i in follow_tracks(self.models.camera, model.initialisation, belief, found):
             found["match"][i] = self.add_landmark(values[i], noise[i])
         return found["match"].copy()
 
@@ -113,7 +105,7 @@ class Ekf:
         """
         belief, camera = self.belief, self.belief.state.camera
         sight = sight_of_belief(self.models.camera, belief, self.fiducials, self.boxes)
-        points, places = sight.point.view(MAP_POINT), np.zeros((len(sight.point), 3))
+        points, places = sight.point.view(PREDICTED), np.zeros((len(sight.point), 3))
         z, H = self.linearised(points, places)
         shown = self.sensor.visible(camera, places)
         for a, point in enumerate(points):
@@ -182,7 +174,7 @@ class Ekf:
         mean, J, Q = new_landmark(self.sensor, lens, camera, value, R, *prior)
         if not np.isfinite(Q).all() or not room_for(belief, KIND_DIM[INVERSE_DEPTH]):
             return NEW
-        return int(belief.feature[append_feature(belief, INVERSE_DEPTH, mean, J, Q)]["serial"])
+        return int(belief.feature[append_feature(belief, INVERSE_DEPTH, mean, J, Q)]["id"])
 
     def _is_labelled(self) -> bool:
         """Whether the ids of this frame's measurements are certain."""

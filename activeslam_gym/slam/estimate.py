@@ -1,22 +1,28 @@
-"""The state estimate: all that anything outside the estimator reads of what it believes.
+"""The state estimate, which is all that anything outside reads of an estimator; and what an estimator is.
 
 An estimate presents every feature as a world point, oldest first, with one joint covariance of camera and points. Ids
 are positive, grow with the order of initialisation, and are never used twice within an episode.
 
-An estimator returns an `Estimate`. `EstimateArrays` holds the same in arrays of fixed capacity, for kernels and for
-batches.
+`ekf` is compiled, and the default; `ekf-plain` is the same with the plain tangent. Another estimator is a class with
+the methods of `Estimator`, which returns an `Estimate`; ``gymnasium.make("ActiveSLAM-v0", estimator=Mine)`` runs it.
+`EstimateArrays` holds an estimate in arrays of fixed capacity, for kernels and for batches.
 """
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from activeslam_gym.camera import distance_between
+from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, borrowed, borrowing, compiled, inlined, record
 from activeslam_gym.motion import ANGULAR_VELOCITY, CAMERA_DIM, CAMERA_SIZE, POSITION, QUATERNION, VELOCITY
 from activeslam_gym.registry import array_of
+
+EKF, EKF_PLAIN = COMPILED = "ekf", "ekf-plain"
+"""The compiled estimators, of which the environments run whole steps in one kernel; see `slam.kalman`."""
+NO_MATCH = 0  # in place of an id: a measurement of no known landmark
 
 CAMERA_ESTIMATE = record(
     camera=("f8", CAMERA_SIZE),  # mean: position, quaternion, velocity, angular velocity
@@ -95,6 +101,43 @@ class Estimate:
     def landmarks(self) -> np.ndarray:
         """(n, 3) [m]: the points."""
         return self.points
+
+
+class Measurements(NamedTuple):
+    """The measurements of one frame: M of them, of d numbers each. The first two are a pixel."""
+
+    values: np.ndarray
+    """(M, d)."""
+    noise: np.ndarray
+    """(M, d, d) covariance R of each."""
+    ids: np.ndarray
+    """(M,) the landmark or fiducial (-1 - k) that each is of where the association is known, else 0."""
+
+
+class Estimator(Protocol):
+    """One run's estimator. ``Estimator(scenario, fiducials, sensor)`` makes one.
+
+    ``fiducials`` (K, 3) have known positions [m]. ``sensor`` is the `Sensor`: its ``noise``, `predict` and `visible`.
+
+    A class may have a static method ``check(scenario)``, which raises where it cannot work in a scenario and is called
+    when an environment is made.
+    """
+
+    def __init__(self, scenario: Scenario, fiducials: np.ndarray, sensor: Any) -> None: ...
+
+    def reset(self, mean: np.ndarray, covariance: np.ndarray) -> None:
+        """Begin an episode: the camera's prior ``mean`` (13,) and tangent ``covariance`` (12, 12), and no landmark."""
+
+    def predict(self, u: np.ndarray, dt: float, contact: bool = False) -> None:
+        """Go on by ``dt`` seconds under the known accelerations ``u`` (6,); ``contact``: the camera touched something,
+        so that any part of its velocity may be gone."""
+
+    def update(self, measurements: Measurements) -> np.ndarray:
+        """Associate, update, and initialise landmarks: (M,) the id that each measurement was used for, new ones
+        included; `NO_MATCH`, or `detection.REJECTED` where it was too ambiguous to be used."""
+
+    def estimate(self) -> Estimate:
+        """The present state estimate."""
 
 
 def read_only(array: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The filter without an environment: it takes pixels from anywhere."""
+"""The filter's constants, and the filter without an environment: it takes pixels from anywhere."""
 
 import copy
 from collections.abc import Sequence
@@ -8,8 +8,10 @@ import numpy as np
 
 from activeslam_gym.camera import CAMERA, camera_of
 from activeslam_gym.config import Scenario
-from activeslam_gym.kernels import filled, record, row
+from activeslam_gym.kernels import constants, filled, record, row
 from activeslam_gym.motion import CAMERA_DIM, CAMERA_SIZE, MOTION, motion_of
+from activeslam_gym.slam.appearance import appearance_of, draw_bias, use_identified, wander
+from activeslam_gym.slam.association import associate, association_of
 from activeslam_gym.slam.belief import (
     AZIMUTH,
     INVERSE_DEPTH,
@@ -23,13 +25,38 @@ from activeslam_gym.slam.belief import (
     start_of,
     write_estimate,
 )
+from activeslam_gym.slam.depth_particles import particles_of
 from activeslam_gym.slam.detection import DETECTION, UNASSOCIATED
 from activeslam_gym.slam.estimate import Estimate, EstimateArrays, empty_estimates, taken_estimate
-from activeslam_gym.slam.frame import COUNTS, FILTER, filter_of, initialise, use_detections, use_identified
-from activeslam_gym.slam.kalman import predict, update_contact, wander
-from activeslam_gym.slam.map import add_landmark, draw_bias, remove_feature
-from activeslam_gym.slam.sight import MAP_POINT, Sight, sight_of_belief
+from activeslam_gym.slam.kalman import predict, update, update_contact
+from activeslam_gym.slam.map import (
+    add_landmark,
+    convert_and_delete,
+    count_misses,
+    initialisation_of,
+    initialise,
+    remove_feature,
+)
+from activeslam_gym.slam.restart import restart_of
+from activeslam_gym.slam.sight import PREDICTED, Sight, sight_of_belief
 
+FILTER, filter_of = constants(
+    Scenario(),
+    association=association_of,
+    appearance=appearance_of,
+    initialisation=initialisation_of,
+    particles=particles_of,
+    restart=restart_of,
+)
+"""Constants of the filter."""
+COUNTS = record(
+    initialised="i8",
+    conversions="i8",
+    deletions="i8",
+    rejected_matches="i8",
+    restarts="i8",  # times that the belief was reset
+)
+"""Counters that a frame adds to; any record with these fields will do."""
 _MODELS = record(camera=CAMERA, motion=MOTION, filter=FILTER)
 
 
@@ -79,14 +106,14 @@ class Filter:
         """``dt`` seconds ahead (None: the scenario's frame) under the known accelerations ``u`` (6,), None: zero.
 
         ``drift``: deviation [rad] by which each feature's direction wanders while its view changes by a radian, for a
-        sensor that does not see quite the same point from everywhere (`kalman.wander`).
+        sensor that does not see quite the same point from everywhere (`appearance.wander`).
         """
         step = float(self.models.motion.dt if dt is None else dt)
         if not 0.0 < step < np.inf:
             raise ValueError(f"dt must be a positive number of seconds, got {dt!r}")
         if not 0.0 <= drift < np.inf:
             raise ValueError(f"drift must be a number of radians that is not negative, got {drift!r}")
-        predict(self.models.motion, self.belief, _array("u", u, np.zeros(6), (6,)), step)
+        predict(self.models.motion, self.belief, _array("u", u, np.zeros(6), (6,)), step, False)
         if drift > 0.0:
             wander(self.belief, float(drift), step)
         self._sight = None
@@ -103,11 +130,13 @@ class Filter:
         """The predicted measurements: ``point`` (ids, predicted pixels, Jacobians, visibility), H P and S."""
         if self._sight is None:
             sight = sight_of_belief(self.camera, self.belief, self.fiducials, self.boxes)
-            self._sight = sight._replace(point=sight.point.view(MAP_POINT))  # a kernel's records have no attributes
+            self._sight = sight._replace(point=sight.point.view(PREDICTED))  # a kernel's records have no attributes
         return self._sight
 
     def draw_bias(self, k: int, std: float) -> None:
-        """From now on the pixel of fiducial ``k`` is off by a new bias of deviation ``std`` [px]: see `map.draw_bias`.
+        """From now on the pixel of fiducial ``k`` is off by a new bias of deviation ``std`` [px].
+
+        See `appearance.draw_bias`.
 
         Raises:
             ValueError: there are more fiducials than `MOST_BIASED`, there is no fiducial ``k``, or ``std`` is no
@@ -152,7 +181,10 @@ class Filter:
             self._check_joint(given, labelled)
             use_identified(models, belief, fiducials, sight, given, int(least), self.counts)
         else:
-            use_detections(models, belief, fiducials, self.boxes, sight, given, bool(labelled), self.counts)
+            matches = associate(models, belief, self.boxes, sight, given, bool(labelled), self.counts)
+            count_misses(models.filter.initialisation, belief, len(fiducials), sight, matches)
+            update(models, belief, fiducials, sight, matches, given, self.counts)
+            convert_and_delete(models.filter.initialisation, belief, self.counts)
         self._sight = None
         return given["match"].copy()
 
@@ -207,11 +239,11 @@ class Filter:
         rows = CAMERA_DIM + (width * np.arange(n)[:, None] + np.arange(AZIMUTH, width)).ravel()
         rows = np.concatenate((np.arange(CAMERA_DIM), rows))
         belief.covariance[np.ix_(rows, rows)] = P
-        belief.state.count, belief.state.serial, belief.state.dim = n, n, CAMERA_DIM + width * n
+        belief.state.count, belief.state.initialised, belief.state.dim = n, n, CAMERA_DIM + width * n
         for k, feature in enumerate(belief.feature[:n]):
             feature["mean"] = 0.0, 0.0, 0.0, *points[k]
             feature["kind"], feature["start"], feature["slot"] = INVERSE_DEPTH, CAMERA_DIM + width * k, k
-            feature["serial"], feature["born"], feature["seen"], feature["misses"] = k + 1, 0, 0, 0
+            feature["id"], feature["born"], feature["seen"], feature["misses"] = k + 1, 0, 0, 0
         self._sight = None
         return self.ids
 
@@ -262,7 +294,7 @@ class Filter:
     @property
     def ids(self) -> np.ndarray:
         """(n,) of the features, oldest first."""
-        return self.belief.feature["serial"][: self.belief.state.count].copy()
+        return self.belief.feature["id"][: self.belief.state.count].copy()
 
     @property
     def capacity(self) -> int:

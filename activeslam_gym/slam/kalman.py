@@ -21,6 +21,7 @@ from activeslam_gym.linalg import (
     diagonal,
     solve_transposed,
     solve_transposed_vector,
+    submatrix,
     subtract_from_one,
     subtract_symmetric,
 )
@@ -41,31 +42,30 @@ from activeslam_gym.motion import (
 from activeslam_gym.slam.belief import (
     AZIMUTH,
     ELEVATION,
-    FEATURE_SIZE,
     INVERSE_DEPTH,
     KIND_DIM,
     PLAIN,
     POINT,
     RHO,
     Belief,
-    point_of,
 )
-from activeslam_gym.slam.sight import POSE_DIM, Sight, predict_pixel, sight_with
+from activeslam_gym.slam.detection import REJECTED
+from activeslam_gym.slam.restart import contradicted, restart
+from activeslam_gym.slam.sight import POSE_DIM, PRODUCT_FRAMES, Sight, pixel_rows, predict_pixel, sight_with
 
-_NEAREST = 0.1  # nearer than that, a view changes no faster [m]
-_LEAST_LEVEL = 0.2
-"""Straight above or below, an azimuth tells nothing: the cosine of the elevation counts as at least so much."""
 ITERATIONS = 3  # at most so many after the first update
 STRAIGHT_PX = 0.3  # nothing is iterated where the pixels at the new mean are so near to what the line says
 MINIMUM_INVERSE_DEPTH = 0.01  # updates keep inverse depths above this [1/m]
 
 
 @compiled
-def predict(motion: Record, belief: Belief, u: np.ndarray, dt: float) -> None:
+def predict(motion: Record, belief: Belief, u: np.ndarray, dt: float, contact: bool) -> None:
     """``dt`` seconds ahead under the known accelerations ``u`` (6,): x = f(x, u), P = F P F^T + Q in the camera's rows.
 
-    The appendix's prediction, and section II's.
+    The appendix's prediction, and section II's. ``contact``: the camera has struck something in this frame.
     """
+    if contact:
+        update_contact(belief, u, dt)
     x = transition(belief.state.camera, u, dt)
     F_x = transition_jacobian(x[ANGULAR_VELOCITY], dt)
     copy_into(belief.state.camera, x)
@@ -73,36 +73,9 @@ def predict(motion: Record, belief: Belief, u: np.ndarray, dt: float) -> None:
     belief.state.frame += 1
 
 
-@compiled
-def wander(belief: Belief, drift: float, dt: float) -> None:
-    """Each feature's direction, as the camera sees it, walks at random while the camera's view of it changes.
-
-    Its variance grows by ``drift``^2 [rad^2] for each radian, which is the way of ``dt`` seconds over the distance:
-    what a patch shows from another side, or from nearer, is not quite the same point. A POINT walks in depth too.
-    """
-    x, P, T = belief.state.camera, belief.covariance, np.empty((3, FEATURE_SIZE))
-    speed = math.sqrt(x[VELOCITY.start] ** 2 + x[VELOCITY.start + 1] ** 2 + x[VELOCITY.start + 2] ** 2)
-    for k in range(belief.state.count):
-        feature, point, square, depth_square = belief.feature[k], point_of(belief, k, T), 0.0, 0.0
-        for i in range(3):
-            square += (point[i] - x[POSITION.start + i]) ** 2
-            depth_square += (point[i] - feature.mean[i]) ** 2
-        if not square < np.inf:
-            continue
-        var = drift * drift * min(speed * dt / max(math.sqrt(square), _NEAREST), 1.0)
-        if feature.kind == POINT:
-            for row in range(feature.start, feature.start + 3):
-                P[row, row] += var * square
-        else:  # as its angles at the anchor
-            var *= square / max(depth_square, _NEAREST * _NEAREST)
-            level = max(math.cos(feature.mean[ELEVATION]), _LEAST_LEVEL)
-            P[feature.start + AZIMUTH, feature.start + AZIMUTH] += var / (level * level)
-            P[feature.start + ELEVATION, feature.start + ELEVATION] += var
-
-
 @borrowing
 def update_contact(belief: Belief, u: np.ndarray, dt: float) -> None:
-    """The camera has struck something, to be called before that frame's `predict`: any part of its speed may be gone.
+    """Where the camera strikes something, any part of its speed may be gone.
 
     So the variance of each axis' velocity grows by the square of what it would be.
     """
@@ -145,6 +118,63 @@ def gain(HP: np.ndarray, S: np.ndarray, innovation: np.ndarray) -> tuple[np.ndar
 
 
 # The update -----------------------------------------------------------------------------------------------------------
+
+
+@compiled
+def update(
+    models: Record,
+    belief: Belief,
+    fiducials: np.ndarray,
+    sight: Sight,
+    matches: np.ndarray,
+    detections: np.ndarray,
+    counts: Record,
+) -> None:
+    """Correct the belief by the detections that ``matches`` (v,) gives to the predictions in ``sight``.
+
+    Where the fiducials contradict the belief, it is reset instead, and no detection is used.
+    """
+    if contradicted(models.filter.restart, belief, sight, detections, matches):
+        counts.deletions += belief.state.count
+        counts.restarts += 1
+        restart(models.filter.restart, belief)
+        detections["match"][:] = REJECTED
+    else:
+        lasts = models.camera.command_known or fiducials.shape[0] > 0
+        update_by(models.camera, belief, fiducials, sight, matches, detections, PRODUCT_FRAMES if lasts else 1.0)
+
+
+@compiled
+def update_by(
+    lens: Record,
+    belief: Belief,
+    fiducials: np.ndarray,
+    sight: Sight,
+    matches: np.ndarray,
+    detections: np.ndarray,
+    frames: float,
+) -> None:
+    """Correct by the matched predictions, each with the R of its own detection.
+
+    So many ``frames`` tell of the curvature of a feature what one does (see `PRODUCT_FRAMES`), so each is given as many
+    times that noise.
+    """
+    matched = np.flatnonzero(matches >= 0)
+    if matched.shape[0] == 0:
+        return
+    rows = pixel_rows(matched)
+    points, HP, S = sight.point[matched], np.empty((rows.shape[0], sight.HP.shape[1])), submatrix(sight.S, rows)
+    more_frames, pixels = frames - 1.0, np.empty(rows.shape[0])
+    for r in range(rows.shape[0]):
+        point, detection, i = points[r // 2], detections[matches[matched[r // 2]]], r % 2
+        copy_into(HP[r], sight.HP[rows[r]])
+        pixels[r] = detection.pixel[i]
+        for axis in range(2):
+            more = more_frames * point.curvature[i, axis]
+            S[r, r - i + axis] += detection.R[i, axis] - point.R[i, axis] + more
+            point.R[i, axis] = detection.R[i, axis]
+            point.curvature[i, axis] += more
+    correct(lens, belief, fiducials, Sight(points, HP, S), pixels)
 
 
 @compiled

@@ -10,6 +10,7 @@ import numpy as np
 from activeslam_gym import config
 from activeslam_gym.camera import (
     camera_from_world,
+    distance_between,
     pixel_from_camera_point,
     ray_from_pixel,
     ray_jacobian,
@@ -38,7 +39,8 @@ from activeslam_gym.slam.belief import (
     point_of,
 )
 from activeslam_gym.slam.depth_particles import scatter_particles
-from activeslam_gym.slam.detection import NEW
+from activeslam_gym.slam.detection import NEW, WAITS
+from activeslam_gym.slam.sight import INSIDE, Sight
 
 TRACK_RADIUS_PX = 15.0
 """A track is followed to the nearest new detection within this distance of where its direction projects [px]."""
@@ -62,6 +64,16 @@ INITIALISATION, initialisation_of = constants(
 
 
 # Tracks -------------------------------------------------------------------------------------------------------------
+
+
+@compiled
+def initialise(models: Record, belief: Belief, detections: np.ndarray, counts: Record) -> None:
+    """Initialise features at detections (M,) that nothing explained for several frames; sets their ``match``."""
+    model = models.filter
+    for i in follow_tracks(models.camera, model.initialisation, belief, detections):
+        one = detections[i]
+        one.match = add_landmark(models.camera, model.initialisation, model.particles, belief, one.pixel, one.R)
+        counts.initialised += one.match != NEW
 
 
 @compiled
@@ -140,7 +152,7 @@ def add_landmark(camera: Record, model: Record, rays: Record, belief: Belief, pi
     k = append_feature(belief, kind, mean, J_x[:width], Q)
     if kind == RAY:
         scatter_particles(rays, belief, k)
-    return belief.feature[k].serial
+    return belief.feature[k].id
 
 
 @compiled
@@ -175,6 +187,13 @@ def line_of_sight(
 
 
 # Conversion and deletion --------------------------------------------------------------------------------------------
+
+
+@compiled
+def convert_and_delete(model: Record, belief: Belief, counts: Record) -> None:
+    """After an update: convert the features that are ready to points, and delete those that failed."""
+    counts.conversions += promote(model, belief)
+    counts.deletions += delete_failed(model, belief)
 
 
 @compiled
@@ -215,6 +234,30 @@ def linearity_index(belief: Belief, k: int) -> float:
         along += m[0][i] * sight
     sigma_d = math.sqrt(max(belief.covariance[rho_row, rho_row], 0.0)) / (rho * rho)
     return 4.0 * sigma_d * abs(along) / max(square, 1e-12)
+
+
+@borrowing
+def count_misses(model: Record, belief: Belief, K: int, sight: Sight, matches: np.ndarray) -> None:
+    """A match clears a feature's misses; being predicted well inside the image without a detection near adds one.
+    Remembers which were crowded.
+
+    Misses from places less than ``miss_spacing`` [m] apart count once: what hides a feature hides it from all of them.
+    ``matches`` (v,) are those of the predictions in ``sight``, of which fiducials are the first ``K`` rows.
+    """
+    camera, spacing = belief.state.camera, model.miss_spacing
+    for a in range(matches.shape[0]):
+        point = sight.point[a]
+        if point.row < K:
+            continue
+        feature = belief.feature[point.row - K]
+        if point.crowded == 0:
+            feature.crowded = belief.state.frame
+        if matches[a] >= 0:
+            feature.misses, feature.seen = 0, belief.state.frame
+        elif point.visibility == INSIDE and matches[a] != WAITS:
+            if feature.misses == 0 or spacing == 0.0 or distance_between(feature.missed_at, camera) > spacing:
+                feature.misses += 1
+                copy_into(feature.missed_at, camera[POSITION])
 
 
 @borrowing
@@ -269,8 +312,8 @@ def append_feature(belief: Belief, kind: int, mean: np.ndarray, J: np.ndarray, Q
     copy_into(feature.mean, mean)
     feature.kind, feature.start, feature.misses = kind, at, 0
     feature.born, feature.seen, feature.crowded = state.frame, state.frame, -NEVER
-    state.dim, state.count, state.serial = at + width, k + 1, state.serial + 1
-    feature.serial = state.serial
+    state.dim, state.count, state.initialised = at + width, k + 1, state.initialised + 1
+    feature.id = state.initialised
     return k
 
 
@@ -281,31 +324,6 @@ def free_slot(entries: np.ndarray, count: int) -> int:
     while k < count:
         slot, k = (slot + 1, 0) if entries[k].slot == slot else (slot, k + 1)
     return slot
-
-
-@compiled
-def draw_bias(belief: Belief, K: int, k: int, var: float) -> None:
-    """The pixel of fiducial ``k`` of ``K`` is off by a new bias, of variance ``var`` [px^2] an axis, as long as its
-    template is the same: z = h + b + noise, b independent of all that is known.
-    """
-    state, P, dim = belief.state, belief.covariance, belief.state.dim
-    if state.bias_dim == 0:
-        rows = 2 * K
-        rest, at = P[CAMERA_DIM:dim, :dim].copy(), CAMERA_DIM + rows
-        P[at : dim + rows, :CAMERA_DIM] = rest[:, :CAMERA_DIM]
-        P[:CAMERA_DIM, at : dim + rows] = rest[:, :CAMERA_DIM].T
-        P[at : dim + rows, at : dim + rows] = rest[:, CAMERA_DIM:]
-        P[CAMERA_DIM:at, : dim + rows] = 0.0
-        P[: dim + rows, CAMERA_DIM:at] = 0.0
-        state.bias[:] = 0.0
-        state.bias_dim, state.dim = rows, dim + rows
-        for j in range(state.count):
-            belief.feature[j].start += rows
-    for i in range(CAMERA_DIM + 2 * k, CAMERA_DIM + 2 * k + 2):
-        P[i, : state.dim] = 0.0
-        P[: state.dim, i] = 0.0
-        P[i, i] = var
-        state.bias[i - CAMERA_DIM] = 0.0
 
 
 @borrowing
@@ -322,7 +340,7 @@ def remove_feature(belief: Belief, k: int) -> None:
 def remove_id(belief: Belief, id: int) -> None:
     """Delete the feature of that ``id``, if there is one."""
     for k in range(belief.state.count):
-        if belief.feature[k].serial == id:
+        if belief.feature[k].id == id:
             remove_feature(belief, k)
             break
 

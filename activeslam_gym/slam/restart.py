@@ -17,7 +17,7 @@ from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, borrowing, constants
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.belief import Belief
-from activeslam_gym.slam.detection import distance_by_own_noise
+from activeslam_gym.slam.detection import WAITS, distance_by_own_noise
 from activeslam_gym.slam.sight import INSIDE, Sight
 
 MEMORY = 0.5  # of the running mean [s]
@@ -43,23 +43,20 @@ RESTART, restart_of = constants(
 
 
 @borrowing
-def contradicted(
-    model: Record, belief: Belief, sight: Sight, detections: np.ndarray, of_point: np.ndarray, waits: np.ndarray
-) -> bool:
+def contradicted(model: Record, belief: Belief, sight: Sight, detections: np.ndarray, matches: np.ndarray) -> bool:
     """Whether the fiducials have contradicted the belief for a while; takes this frame into the running mean.
 
-    ``of_point`` (v,): the detections that the predictions in ``sight`` were taken for, or -1; ``waits`` (v,): those
-    that a detection may be of.
+    ``matches`` (v,): the detections of the predictions in ``sight``, or MISSED, or WAITS.
     """
     total, count = 0.0, 0
-    for a in range(of_point.shape[0]):
+    for a in range(matches.shape[0]):
         if sight.point[a].id >= 0:
             continue
-        if of_point[a] >= 0:
+        if matches[a] >= 0:
             point, S = sight.point[a], sight.S[2 * a : 2 * a + 2, 2 * a : 2 * a + 2]
-            total += min(0.5 * distance_by_own_noise(point.z_hat, S, point.R, detections[of_point[a]])[0], MOST)
+            total += min(0.5 * distance_by_own_noise(point.z_hat, S, point.R, detections[matches[a]])[0], MOST)
             count += 1
-        elif model.missing > 0.0 and sight.point[a].visibility == INSIDE and not waits[a]:
+        elif model.missing > 0.0 and sight.point[a].visibility == INSIDE and matches[a] != WAITS:
             total += model.missing
             count += 1
     if count >= LEAST:

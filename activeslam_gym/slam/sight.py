@@ -56,7 +56,7 @@ residual, and where there are no fiducials, as way and inverse depths then have 
 
 NEAR, INSIDE = 1, 2  # a row is within reach of the image; well inside it, so that a miss is telling
 
-MAP_POINT = record(
+PREDICTED = record(
     row="i8",
     id="i8",  # of the feature or fiducial; 0 for a planner's point
     column="i8",  # first covariance row of its parameters
@@ -77,7 +77,7 @@ class Sight(NamedTuple):
     """The predicted measurements (predictions) of v fiducials and features, in this order, and their covariances."""
 
     point: np.ndarray
-    """(v,) MAP_POINT."""
+    """(v,) PREDICTED."""
     HP: np.ndarray
     """(2 v, dim) covariance of the predicted pixels with the state [px × unit of the state]."""
     S: np.ndarray
@@ -236,7 +236,7 @@ def sight_of_belief(lens: Record, belief: Belief, fiducials: np.ndarray, boxes: 
     ``boxes`` (B, 2, 3) are those that the filter knows to occlude.
     """
     K, P, v = fiducials.shape[0], belief.covariance, 0
-    view, points = view_of(lens, belief.state.camera, boxes), np.empty(K + belief.state.count, MAP_POINT)
+    view, points = view_of(lens, belief.state.camera, boxes), np.empty(K + belief.state.count, PREDICTED)
     S, D = np.empty((2, 2)), np.empty((3, 3))
     for row in range(K + belief.state.count):
         if row >= K and belief.feature[row - K].kind == RAY:
@@ -270,7 +270,7 @@ def _describe(belief: Belief, K: int, row: int, point: Record) -> None:
         point.id, point.unseen, point.crowded = fiducial_id(row), 0, NEVER
     else:
         feature = belief.feature[row - K]
-        point.id, point.column, point.width = feature.serial, feature.start, KIND_DIM[feature.kind]
+        point.id, point.column, point.width = feature.id, feature.start, KIND_DIM[feature.kind]
         point.unseen = belief.state.frame - feature.seen if feature.seen > feature.born else NEVER
         point.crowded = belief.state.frame - feature.crowded
 
@@ -312,7 +312,7 @@ def sight_of_points(
     ``P`` (12 + 3 M, 12 + 3 M) is the joint covariance of camera and points.
     """
     K, view, v = fiducials.shape[0], view_of(lens, pose, boxes), 0
-    found = np.empty(K + points.shape[0], MAP_POINT)
+    found = np.empty(K + points.shape[0], PREDICTED)
     for row in range(K + points.shape[0]):
         if row >= K and not seen[row - K]:
             continue

@@ -46,7 +46,7 @@ _LEAST_INSIDE = 0.7  # nor is a template of which less than this share has been 
 class Templates(NamedTuple):
     """Patches of up to n features, by place; a place without a feature has id 0."""
 
-    id: np.ndarray  # (n,) the feature's serial number, or -1 - k for fiducial k
+    id: np.ndarray  # (n,) of the feature, or -1 - k for fiducial k
     patch: np.ndarray  # (n, 41, 41) float32 grey values around the first sight; NaN outside the image
     pixel: np.ndarray  # (n, 2) its pixel then: the centre of the patch [px]
     camera: np.ndarray  # (n, 7) the camera's pose then: position [m] and quaternion q_WC

@@ -1,4 +1,4 @@
-"""The start of a run, and one frame of truth and belief together."""
+"""The start of a run: its room, its prior and its noise."""
 
 import dataclasses
 from typing import NamedTuple
@@ -7,41 +7,21 @@ import numpy as np
 
 from activeslam_gym.camera import camera_point, pixel_from_camera_point, ray_from_pixel
 from activeslam_gym.config import UNIFORM, Scenario
-from activeslam_gym.envs.disproof import VIEWS, disprove
-from activeslam_gym.envs.identity import OWNER, judge_matches, match_to_truth, true_id
+from activeslam_gym.envs.disproof import VIEWS
 from activeslam_gym.envs.observation import layout_of
-from activeslam_gym.envs.run import EPISODE, MODELS, Run, known_boxes, pose_for_control, write_whole_estimate
+from activeslam_gym.envs.run import EPISODE, MODELS, OWNER, Run
 from activeslam_gym.envs.setting import Setting, models_of
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.information.expectation import EXPECTED, VIEW, WAITING, find_counting, update_expectation
-from activeslam_gym.kernels import compiled, row
-from activeslam_gym.linalg import copy_into
-from activeslam_gym.motion import POSITION, QUATERNION, accelerations, goal_by, turn_by
+from activeslam_gym.information.expectation import EXPECTED, VIEW, WAITING
+from activeslam_gym.kernels import row
+from activeslam_gym.motion import POSITION, QUATERNION
 from activeslam_gym.sensors.sensor import TEXTURED
-from activeslam_gym.slam.belief import (
-    empty_beliefs,
-    feature_capacity,
-    reset_belief,
-    start_of,
-    write_outline,
-    write_points,
-)
-from activeslam_gym.slam.detection import DETECTION, UNASSOCIATED
+from activeslam_gym.slam.belief import empty_beliefs, feature_capacity, reset_belief, start_of
+from activeslam_gym.slam.detection import DETECTION
 from activeslam_gym.slam.estimate import empty_estimates
-from activeslam_gym.slam.frame import filter_frame
-from activeslam_gym.slam.kalman import update_contact
 from activeslam_gym.world.room import draw_room, expected_points, varied
 from activeslam_gym.world.scenes import BoxScene, Scene
-from activeslam_gym.world.simulator import (
-    boxes_of,
-    detect,
-    detection_capacity,
-    empty_worlds,
-    keep_off,
-    move,
-    put_room,
-    stop_short,
-)
+from activeslam_gym.world.simulator import boxes_of, detection_capacity, empty_worlds, put_room
 
 
 def empty_runs(scenario: Scenario, count: int) -> Run:
@@ -99,7 +79,7 @@ def reset_run(setting: Setting, runs: Run, i: int, key: int) -> Start:
     run.world.state.noise_key[:] = noise.generate_state(1, np.uint64)
     run.expected[:] = np.zeros(1, EXPECTED)
     run.expected["point"] = expected_points(scenario, drawn, np.random.default_rng(expected))
-    run.expected["serial"] = WAITING
+    run.expected["feature"] = WAITING
     run.owner["id"] = 0
     run.estimate.state.count, run.estimate.state.whole = 0, False
     runs.episode[i] = np.zeros(1, EPISODE)[0]
@@ -138,99 +118,3 @@ def face_fiducials(run: Run, mean: np.ndarray, rng: np.random.Generator) -> None
         directions = [direction / np.linalg.norm(direction) for direction in directions]
         rotation, _ = Rotation.align_vectors(directions, rays)
         mean[QUATERNION] = rotation.as_quat(scalar_first=True)
-
-
-@compiled
-def begin_motion(run: Run, command: np.ndarray, reach: float) -> None:
-    """Read a motion, ``command`` (>= 3,): its goal from the estimated position, clipped into the room.
-
-    Where there are boxes it stops short of what is in the way, or keeps off it on all sides. ``reach``: so far a
-    foreign scene lets the camera go [m]; infinite where there is none.
-    """
-    control, motion, camera = run.episode.control, run.models.motion, pose_for_control(run)
-    d = motion.step_length * command[:3]
-    copy_into(control.command, command[:3])
-    if motion.bodies:
-        stop_short(motion, run.world, d, reach)
-    elif run.world.state.boxes > 0:
-        keep_off(motion, run.world, d)
-    copy_into(control.start, camera[POSITION])
-    copy_into(control.goal, goal_by(motion, camera, d))
-    control.frames = 0
-
-
-@compiled
-def simulate(run: Run, gaze: float) -> tuple[np.ndarray, bool]:
-    """One frame of control and true motion: (6,) the accelerations as the estimator knows them, and a contact.
-
-    ``gaze`` is a share of the turn rate.
-    """
-    motion, control = run.models.motion, run.episode.control
-    turn = turn_by(motion, gaze, run.world.state.frame * motion.dt)
-    seconds = control.frames * motion.dt
-    u = accelerations(motion, pose_for_control(run), control.start, control.goal, seconds, turn)
-    contacts = move(motion, run.world, u)
-    run.episode.events.wall_contacts += contacts
-    control.frames += 1
-    if not motion.command_known:
-        u[:] = 0.0
-    return u, contacts > 0
-
-
-@compiled
-def measure(run: Run) -> bool:
-    """The detections of the frame under way; whether their ids are the true ones."""
-    models, world = run.models, run.world
-    run.episode.detection_count = detect(models.true_camera, models.sensor, world, run.detections, run.label)
-    return identify(run)
-
-
-@compiled
-def identify(run: Run) -> bool:
-    """Give the detections their true ids, where the scenario does; whether it does in this frame."""
-    task = run.models.task
-    labelled = task.association_known or (task.labelled_first_match and run.world.state.frame == 0)
-    for i in range(run.episode.detection_count):
-        run.detections[i].id = (
-            true_id(run.owner, run.world.fiducials.shape[0], run.label[i]) if labelled else UNASSOCIATED
-        )
-    return labelled
-
-
-@compiled
-def update_estimate(run: Run, u: np.ndarray, contact: bool, labelled: bool, ends: bool) -> None:
-    """Predict, associate, update and initialise by the compiled filter, after `simulate` and `measure`.
-
-    ``ends``: the frame is the last of a step, whose estimate is whole; in the middle it has what `close_frame` reads.
-    """
-    models, belief, fiducials, boxes = run.models, run.ekf, run.world.fiducials, known_boxes(run)
-    events, detections = run.episode.events, run.detections[: run.episode.detection_count]
-    if contact:
-        update_contact(belief, u, models.motion.dt)
-    filter_frame(models, belief, fiducials, boxes, u, detections, labelled, events)
-    if ends:
-        write_whole_estimate(run)
-    else:
-        write_outline(run.ekf, run.estimate)
-        write_points(run.ekf, find_counting(run.expected, run.estimate), run.estimate)
-    judge_frame(run)
-
-
-@compiled
-def judge_frame(run: Run) -> None:
-    """After the estimator: count wrong matches and features from clutter by the hidden labels, and close the frame."""
-    events, count, K = run.episode.events, run.episode.detection_count, run.world.fiducials.shape[0]
-    match_to_truth(run.owner, run.estimate)
-    wrong, false = judge_matches(run.owner, run.estimate, K, run.detections[:count], run.label[:count])
-    events.wrong_matches += wrong
-    events.false_features += false
-    close_frame(run)
-
-
-@compiled
-def close_frame(run: Run) -> None:
-    """After a frame: features retire expected landmarks, and those looked at and not found are expected elsewhere."""
-    run.world.state.frame += 1
-    update_expectation(run.expected, run.models.landmark_var, run.estimate)
-    if run.models.negative_information:
-        disprove(run)

@@ -1,0 +1,116 @@
+"""Runs of one setting that are reset and stepped together: the single and the vector environment have it in common."""
+
+from typing import Any
+
+import numpy as np
+
+from activeslam_gym.config import MOST_HELD_FRAMES
+from activeslam_gym.envs.evaluation import give_reward
+from activeslam_gym.envs.perception import is_compiled, perception_of, step_runs_in_python
+from activeslam_gym.envs.reset import reset_run
+from activeslam_gym.envs.run import Run, complete
+from activeslam_gym.envs.setting import Setting
+from activeslam_gym.envs.step import REST, STEP, step_runs
+from activeslam_gym.information import candidates
+from activeslam_gym.kernels import row, uncompiled
+from activeslam_gym.motion import POSITION
+from activeslam_gym.registry import FOREIGN, number_from
+from activeslam_gym.sensors.sensor import TEXTURED
+from activeslam_gym.threads import Workers
+
+
+class Runs:
+    """B runs in arrays with a leading axis, the threads that share them, and the past that pictures show."""
+
+    def __init__(self, setting: Setting, runs: Run, workers: Workers) -> None:
+        task = setting.task
+        self.setting, self.scenario = setting, setting.scenario
+        self.gaze_period, self.motion_period = setting.gaze_period, setting.motion_period
+        """Times of a step and of a translation [s]."""
+        self.duration = setting.duration
+        """Time of an episode [s]."""
+        self.steps_per_motion = int(task.steps_per_motion)
+        """Steps in a motion period."""
+        self.lost_position_error = float(task.lost_position_error)
+        """Error of the position from which on a run is lost [m]."""
+        self._runs, self._workers, self._compiled = runs, workers, is_compiled(setting)
+        self._foreign_reward = int(task.reward) == FOREIGN  # a field of a record is slow to read
+        self._end_when_lost = bool(task.end_when_lost)
+        count = len(runs.episode)
+        self._orders, self._commands = np.zeros(count, np.int64), np.zeros((count, 4))
+        self._perceptions: list[Any] = [None] * count
+        self._histories = [History() for _ in range(count)]
+        self._motion_frames = int(task.frames_per_step) * self.steps_per_motion
+        self._motion_plans = candidates.motion_plans(self._motion_frames)
+        held = min(round((self.scenario.gaze_horizon or 0.0) / self.scenario.frame_time), MOST_HELD_FRAMES)
+        self._gaze_plans = candidates.gaze_plans(max(int(task.frames_per_step), held))
+        self._joint_plans = candidates.joint_plans(self._motion_frames)
+
+    def _reset_run(self, i: int, key: int) -> None:
+        """Give run ``i`` a new room from ``key``; it is to BEGIN next."""
+        with self._workers.alone:
+            start = reset_run(self.setting, self._runs, i, key)
+            if not self._compiled:
+                self._perceptions[i] = perception_of(self.setting, row(self._runs, i), start, key)
+        self._histories[i] = History()
+
+    def _play(self, orders: Any, commands: Any) -> None:
+        """Carry out ``orders`` (B,) and ``commands`` (B, 4), or one for all; see `step.step_runs`."""
+        self._orders[:], self._commands[:] = orders, commands
+        if self._compiled:
+            self._workers.call(step_runs, self._runs, self._orders, self._commands)
+        elif self.scenario.sensor in TEXTURED:
+            self._workers.call(step_runs_in_python, self._runs, self._perceptions, self._orders, self._commands)
+        else:  # parts in Python, whose threads would wait for each other
+            with self._workers.alone:
+                everyone = 0, len(self._orders)
+                step_runs_in_python(self._runs, self._perceptions, self._orders, self._commands, *everyone)
+        if self._foreign_reward:
+            self._give_foreign_rewards()
+
+    def _give_foreign_rewards(self) -> None:
+        """The reward of the step by a foreign potential; where the estimate is not sound, that keeps its value."""
+        for i in np.flatnonzero(self._orders != REST).tolist():
+            episode = self._runs.episode[i]
+            before = float(episode.potential[FOREIGN])
+            if episode.sound:
+                where = f"after {episode.steps} steps of environment {i}"
+                what, evaluation = f"reward {self.setting.reward!r}", episode.evaluation.copy()
+                episode.potential[FOREIGN] = number_from(what, self.setting.potential, evaluation, where=where)
+            if self._orders[i] == STEP:
+                episode.gains[FOREIGN] = episode.potential[FOREIGN] - before
+                uncompiled(give_reward)(row(self._runs, i), FOREIGN)
+
+    def _at(self, i: int) -> Run:
+        """Run ``i``, with its whole estimate."""
+        complete(self._runs, i, i + 1)
+        return row(self._runs, i)
+
+    def _each(self) -> list[Run]:
+        return [self._at(i) for i in range(len(self._runs.episode))]
+
+
+class History:
+    """The past that a picture shows: kept only by environments that render."""
+
+    def __init__(self) -> None:
+        self._moments: list[tuple[float, np.ndarray, np.ndarray, float]] = []
+        self._landmark_times: list[float] = []
+
+    def record(self, time: float, run: Run) -> None:
+        """Add the present moment."""
+        evaluation = run.episode.evaluation
+        positions = (camera[POSITION].copy() for camera in (run.world.state.camera, run.estimate.state.camera))
+        self._moments.append((time, *positions, float(evaluation.entropy)))
+        self._landmark_times += [time] * (int(evaluation.landmarks_mapped) - len(self._landmark_times))
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The fields of a `Snapshot` that tell the past."""
+        times, true_positions, positions, entropy = zip(*self._moments, strict=True) if self._moments else ((),) * 4
+        return {
+            "true_trajectory": np.reshape(true_positions, (-1, 3)),
+            "estimated_trajectory": np.reshape(positions, (-1, 3)),
+            "times": np.array(times),
+            "entropy": np.array(entropy),
+            "landmark_times": np.array(self._landmark_times),
+        }

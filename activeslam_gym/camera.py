@@ -36,16 +36,16 @@ CAMERA, camera_of = constants(
 class View(NamedTuple):
     """A camera at a pose, and what may occlude its view."""
 
-    camera: Record  # CAMERA
+    lens: Record  # CAMERA
     pose: np.ndarray  # (>= 3,) begins with the position [m]
     R_WC: np.ndarray  # (3, 3) its rotation
     boxes: np.ndarray = np.zeros((0, 2, 3))  # (B, 2, 3) see `hidden`
 
 
 @inlined
-def view_of(camera: Record, pose: np.ndarray, boxes: np.ndarray) -> View:
+def view_of(lens: Record, pose: np.ndarray, boxes: np.ndarray) -> View:
     """The `View` of a camera whose ``pose`` (>= 7,) begins with position and quaternion."""
-    return View(camera, pose[:], rotation_matrix(pose[QUATERNION]), boxes)  # [:]: one type for every length of a pose
+    return View(lens, pose[:], rotation_matrix(pose[QUATERNION]), boxes)  # [:]: one type for every length of a pose
 
 
 @borrowing
@@ -75,28 +75,28 @@ def camera_point(R_WC: np.ndarray, pose: np.ndarray, y: Vector) -> tuple[float, 
 
 
 @borrowing
-def pixel_from_camera_point(camera: Record, p_C: Vector, z: np.ndarray) -> bool:
+def pixel_from_camera_point(lens: Record, p_C: Vector, z: np.ndarray) -> bool:
     """Project ``p_C`` (3,) [m] into ``z`` (2,) [px] (equation 1). False, with ``z`` untouched, behind the camera.
 
     With K_d < 0, a pincushion, directions with d <= 0 have no pixel either: they are beyond every image.
     """
     if p_C[2] <= 0.0:
         return False
-    u_c = camera.focal * p_C[0] / p_C[2]
-    v_c = camera.focal * p_C[1] / p_C[2]
-    d = 1.0 + camera.distortion * (u_c * u_c + v_c * v_c)
+    u_c = lens.focal * p_C[0] / p_C[2]
+    v_c = lens.focal * p_C[1] / p_C[2]
+    d = 1.0 + lens.distortion * (u_c * u_c + v_c * v_c)
     if d <= 0.0:
         return False
     root = math.sqrt(d)
-    z[0] = camera.u0 - u_c / root
-    z[1] = camera.v0 - v_c / root
+    z[0] = lens.u0 - u_c / root
+    z[1] = lens.v0 - v_c / root
     return True
 
 
 @borrowing
-def inside_image(camera: Record, z: np.ndarray, margin: float) -> bool:
+def inside_image(lens: Record, z: np.ndarray, margin: float) -> bool:
     """Whether the pixel ``z`` (2,) lies inside the image grown by ``margin`` [px] on each side."""
-    return -margin <= z[0] < camera.width + margin and -margin <= z[1] < camera.height + margin
+    return -margin <= z[0] < lens.width + margin and -margin <= z[1] < lens.height + margin
 
 
 @borrowing
@@ -107,16 +107,16 @@ def visible(view: View, y: np.ndarray, margin: float, z: np.ndarray) -> bool:
     each side, and none of the boxes between them. Writes the pixel into ``z`` (2,).
     """
     reached = in_reach(view, (y[0], y[1], y[2]), margin, z)
-    return reached and distance_between(view.pose, y) <= view.camera.maximum_distance
+    return reached and distance_between(view.pose, y) <= view.lens.maximum_distance
 
 
 @borrowing
 def in_reach(view: View, y: tuple[float, float, float], margin: float, z: np.ndarray) -> bool:
     """`visible`, at any distance: what a filter asks, which knows the distance of ``y`` badly."""
     p_C = camera_point(view.R_WC, view.pose, y)
-    if p_C[2] < view.camera.minimum_depth or not pixel_from_camera_point(view.camera, p_C, z):
+    if p_C[2] < view.lens.minimum_depth or not pixel_from_camera_point(view.lens, p_C, z):
         return False
-    return inside_image(view.camera, z, margin) and not hidden(view.boxes, view.pose, y)
+    return inside_image(view.lens, z, margin) and not hidden(view.boxes, view.pose, y)
 
 
 @borrowing
@@ -190,13 +190,13 @@ def free_way(boxes: np.ndarray, margin: float, p: np.ndarray, way: np.ndarray) -
 
 
 @borrowing
-def pixel_jacobian(camera: Record, p_C: Vector, J: np.ndarray) -> None:
+def pixel_jacobian(lens: Record, p_C: Vector, J: np.ndarray) -> None:
     """Write d z / d p_C (2, 3) [px/m] at ``p_C``, which lies in front of the camera, into ``J``."""
-    f_z = camera.focal / p_C[2]
+    f_z = lens.focal / p_C[2]
     u_c, v_c = f_z * p_C[0], f_z * p_C[1]
-    d = 1.0 + camera.distortion * (u_c * u_c + v_c * v_c)
+    d = 1.0 + lens.distortion * (u_c * u_c + v_c * v_c)
     root = math.sqrt(d)
-    bend = camera.distortion / (d * root)
+    bend = lens.distortion / (d * root)
     u_uc = -1.0 / root + bend * u_c * u_c
     u_vc = bend * u_c * v_c
     v_vc = -1.0 / root + bend * v_c * v_c
@@ -205,25 +205,25 @@ def pixel_jacobian(camera: Record, p_C: Vector, J: np.ndarray) -> None:
 
 
 @compiled
-def ray_from_pixel(camera: Record, z: np.ndarray) -> np.ndarray:
+def ray_from_pixel(lens: Record, z: np.ndarray) -> np.ndarray:
     """Back-project the pixel ``z`` (2,) to the camera point (x, y, 1) (3,) on its line of sight.
 
     With u_d = u0 - u and v_d = v0 - v: u_c = u_d / sqrt(1 - K_d (u_d^2 + v_d^2)), the inverse of equation 1. A pixel
     beyond the image of infinity (K_d r^2 >= 1; outside any sensible image) is taken just inside it.
     """
-    u_d, v_d = camera.u0 - z[0], camera.v0 - z[1]
-    e = max(1.0 - camera.distortion * (u_d * u_d + v_d * v_d), 1e-6)
-    scale = 1.0 / (camera.focal * math.sqrt(e))
+    u_d, v_d = lens.u0 - z[0], lens.v0 - z[1]
+    e = max(1.0 - lens.distortion * (u_d * u_d + v_d * v_d), 1e-6)
+    scale = 1.0 / (lens.focal * math.sqrt(e))
     return np.array((u_d * scale, v_d * scale, 1.0))
 
 
 @compiled
-def ray_jacobian(camera: Record, z: np.ndarray) -> np.ndarray:
+def ray_jacobian(lens: Record, z: np.ndarray) -> np.ndarray:
     """d ray_from_pixel / d z, (3, 2) [1/px]; its last row is zero."""
-    u_d, v_d = camera.u0 - z[0], camera.v0 - z[1]
-    e = max(1.0 - camera.distortion * (u_d * u_d + v_d * v_d), 1e-6)
-    scale = 1.0 / (camera.focal * math.sqrt(e))
-    bend = scale * camera.distortion / e
+    u_d, v_d = lens.u0 - z[0], lens.v0 - z[1]
+    e = max(1.0 - lens.distortion * (u_d * u_d + v_d * v_d), 1e-6)
+    scale = 1.0 / (lens.focal * math.sqrt(e))
+    bend = scale * lens.distortion / e
     J = np.zeros((3, 2))
     J[0, 0] = -(scale + bend * u_d * u_d)
     J[0, 1] = -bend * u_d * v_d

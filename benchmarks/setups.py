@@ -148,7 +148,7 @@ def filter_frames(runs: Run, frames: int) -> None:
     detections = run.detections[: run.episode.detection_count]
     for _ in range(frames):
         predict(models.motion, belief, u, models.motion.dt, False)
-        sight = sight_of_belief(models.camera, belief, fiducials, boxes)
+        sight = sight_of_belief(models.lens, belief, fiducials, boxes)
         matches = associate(models, belief, boxes, sight, detections, True, events)
         count_misses(constants, belief, fiducials.shape[0], sight, matches)
         update(models, belief, fiducials, sight, matches, detections, events)

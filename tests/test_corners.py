@@ -51,7 +51,7 @@ def test_a_match_is_the_pixel_of_its_corner_and_its_noise(flown: Any) -> None:
             if len(own):
                 z = np.empty(2)
                 p_C = camera_point(rotation_matrix(pose[3:7]), pose, corners[own[0]])
-                assert pixel_from_camera_point(flown[0].unwrapped._run.models.true_camera, p_C, z)
+                assert pixel_from_camera_point(flown[0].unwrapped._run.models.true_lens, p_C, z)
                 squares.append((pixel - z) @ np.linalg.solve(R, pixel - z))
     mean, n = np.mean(squares), len(squares)
     assert n > 100
@@ -127,7 +127,7 @@ def test_the_target_is_found_with_a_bias_until_it_is_drawn_again() -> None:
             if -4 <= one["match"] < 0:
                 k = -1 - int(one["match"])
                 p_C = camera_point(rotation_matrix(pose[3:7]), pose, run.world.fiducials[k])
-                assert pixel_from_camera_point(run.models.true_camera, p_C, z)
+                assert pixel_from_camera_point(run.models.true_lens, p_C, z)
                 errors.setdefault(corners.drawn[k]["bias"].tobytes(), []).append(one["pixel"] - z)
     assert run.ekf.state.bias_dim == 8
     assert 4 <= len(errors) < 30

@@ -27,7 +27,7 @@ def expectation(*points: tuple[float, float, float]) -> np.ndarray:
 def look(expected: np.ndarray, poses: list[np.ndarray], probability: float = 1.0, walls: bool = False) -> int:
     """Frames from ``poses``, of which 5 make a look; the number of viewpoints."""
     run = simulation_of(gym.make("ActiveSLAM-v0", scenario={"landmark_count": len(expected)}))
-    run.models.camera, run.models.motion.half, run.models.on_surfaces = CAMERA, HALF, walls
+    run.models.lens, run.models.motion.half, run.models.on_surfaces = CAMERA, HALF, walls
     run.models.filter.initialisation.new_feature_detections = 3
     run.models.filter.association.detection_probability, run.episode.redraw_key[:] = probability, 7
     run.expected[:] = expected

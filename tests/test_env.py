@@ -258,10 +258,10 @@ def test_a_wrong_calibration_moves_the_detections_and_not_what_is_expected(lens:
     fields, right = {"focal": "true_focal_px", "distortion": "true_distortion"}, started()
     wrong = started(**{fields[name]: value for name, value in lens.items()})
     run = simulation_of(wrong)
-    assert run.models.camera == simulation_of(right).models.camera
+    assert run.models.lens == simulation_of(right).models.lens
     points = np.concatenate((run.world.fiducials, run.world.landmarks))
     true_camera, noise = replaced(CAMERA, **lens), {label: pixel - z for label, pixel, z in detections_of(right)}
-    assert run.models.true_camera == true_camera
+    assert run.models.true_lens == true_camera
     both = [one for one in detections_of(wrong) if one[0] in noise]
     assert len(both) > 5
     for label, pixel, by_filter in both:

@@ -59,8 +59,8 @@ def test_the_criterion_is_the_drop_that_the_update_predicts() -> None:
     propagate_by(models.motion, P, 0.0, 20)
     for index in Motion:
         pose = goal_pose(models.motion, belief, belief.camera, int(index), 0.0, 20)
-        H = numerical_sight(models.camera, belief, pose)
-        S = H @ P @ H.T + models.camera.pixel_std**2 * np.eye(len(H))
+        H = numerical_sight(models.lens, belief, pose)
+        S = H @ P @ H.T + models.lens.pixel_std**2 * np.eye(len(H))
         gain = P @ H.T @ np.linalg.solve(S, H @ P)
         np.testing.assert_allclose(scores[index], np.trace(gain[:3, :3]), rtol=1e-5)
 

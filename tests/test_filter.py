@@ -30,12 +30,12 @@ VAR = CAMERA.pixel_std**2
 R_PAPER = VAR * np.eye(2)
 
 
-MODELS = record(camera=CAMERA.dtype, motion=MOTION, filter=FILTER)
+MODELS = record(lens=CAMERA.dtype, motion=MOTION, filter=FILTER)
 
 
 def models_of(scenario: Scenario):
     """The constants of a frame."""
-    return filled(MODELS, camera=CAMERA, motion=motion_of(scenario, 1.0), filter=filter_of(scenario))
+    return filled(MODELS, lens=CAMERA, motion=motion_of(scenario, 1.0), filter=filter_of(scenario))
 
 
 def counters():
@@ -112,7 +112,7 @@ def test_every_detection_is_used_with_its_own_noise() -> None:
 @pytest.mark.parametrize(("known", "fiducials", "frames"), [(True, 0, 8), (True, 2, 8), (False, 2, 8), (False, 0, 1)])
 def test_a_product_of_errors_lasts_where_commands_or_fiducials_measure_the_way(known, fiducials, frames) -> None:
     rng, models = np.random.default_rng(8), models_of(PAPER)
-    models.camera.command_known = known
+    models.lens.command_known = known
     belief = random_belief(PAPER, [INVERSE_DEPTH] * 3, rng)
     places = support.world_points(rng, belief.state.camera, 2)[:fiducials]
     sight, before = sight_of(belief, places), copied(belief)
@@ -126,7 +126,7 @@ def test_a_product_of_errors_lasts_where_commands_or_fiducials_measure_the_way(k
 @pytest.mark.parametrize(("known", "frames"), [(True, IMAGE_PRODUCT_FRAMES), (False, 1)])
 def test_a_product_of_errors_counts_less_in_images(known, frames) -> None:
     rng, models = np.random.default_rng(8), models_of(PAPER)
-    models.camera.command_known = known
+    models.lens.command_known = known
     belief = random_belief(PAPER, [INVERSE_DEPTH] * 3, rng)
     sight, before, nu = sight_of(belief, support.NO_FIDUCIALS), copied(belief), 0.1 * rng.standard_normal((3, 2))
     detections = detections_at(sight.point["z_hat"] + nu, ids=sight.point["id"])

@@ -145,7 +145,7 @@ def test_expected_landmarks_that_no_camera_sees_are_in_no_score() -> None:
     rest = whole._replace(points=whole.points[: -whole.waiting], covariance=P, waiting=0)
     for criterion in ("mutual_information", "fisher_trace"):
         without, plans = np.empty(len(Motion)), motion_plans(20)
-        score_plans(models.camera, models.motion, rest, 0.0, plans, list(CRITERIA).index(criterion), without)
+        score_plans(models.lens, models.motion, rest, 0.0, plans, list(CRITERIA).index(criterion), without)
         np.testing.assert_array_equal(core.motion_scores(criterion), without)
     assert (before > core.motion_scores("mutual_information")).any()
 

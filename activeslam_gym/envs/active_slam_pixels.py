@@ -63,7 +63,7 @@ class ActiveSLAMPixelsEnv(ActiveSLAMEnv):
             match, R = int(one["match"]), one["R"]
             if match in older or -len(run.world.fiducials) <= match < 0:
                 point = eye.scene_points(one["match"][None])[0] if match > 0 else run.world.fiducials[-1 - match]
-                pixel_from_camera_point(run.models.true_camera, camera_point(R_WC, pose, point), z)
+                pixel_from_camera_point(run.models.true_lens, camera_point(R_WC, pose, point), z)
                 out.append((match, *(one["pixel"] - z), R[0, 0], R[0, 1], R[1, 1]))
         return np.reshape(out, (-1, 6))
 

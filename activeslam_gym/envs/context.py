@@ -31,19 +31,19 @@ def context_of(runs: Run, duration: float) -> np.ndarray:
     models, steps = runs.models, runs.episode["steps"]
     total = models["task"]["steps"]
     share = np.divide(steps, total, out=np.full(len(steps), np.nan), where=total > 0)  # NaN before the first reset
-    motion, camera = models["motion"], models["camera"]
+    motion, lens = models["motion"], models["lens"]
     out = np.empty((len(steps), CONTEXT_SIZE), np.float32)
     out[:, :3] = motion["half"] / 10.0
     columns = (
         np.log10(duration) / 2.0,
         np.log10(1.0 + duration * (1.0 - share)) / 2.0,
-        np.log10(camera["pixel_std"]),
+        np.log10(lens["pixel_std"]),
         np.log10(motion["filter_acceleration_std"]) / 2.0,
         np.log10(motion["filter_angular_acceleration_std"]) / 2.0,
         runs.expected.shape[1] / 200.0,
         models["filter"]["initialisation"]["rho_mean"],
-        camera["u0"] / camera["focal"] / 2.0,
-        np.minimum(camera["maximum_distance"], _FARTHEST) / 10.0,
+        lens["u0"] / lens["focal"] / 2.0,
+        np.minimum(lens["maximum_distance"], _FARTHEST) / 10.0,
         np.where(motion["command_known"], 1.0, 0.0),
     )
     for index, column in enumerate(columns, start=3):

@@ -97,7 +97,7 @@ class CornerPerception:
         run.world.fiducials[:] = scene.target
         run.world.boxes[:] = scene.boxes
         run.world.state.boxes = len(scene.boxes)
-        points, normals, reach = corners_of(scene, float(setting.models.true_camera.focal))
+        points, normals, reach = corners_of(scene, float(setting.models.true_lens.focal))
         order = np.random.default_rng(noise).permutation(len(points))
         memory, key = np.zeros(feature_capacity(setting.scenario), MEMORY), noise.generate_state(1, np.uint64)
         drawn = np.zeros(len(scene.target), DRAWN)
@@ -105,7 +105,7 @@ class CornerPerception:
         spare = run.world.landmarks.copy()
         self.corners = Corners(points[order], normals[order], reach[order], drawn, memory, spare, key)
         gate = setting.models.filter.appearance.search_gate
-        self._rules = filled(RULES, SIGHTED.seen_through(float(setting.models.camera.focal)), gate=gate, enough=ENOUGH)
+        self._rules = filled(RULES, SIGHTED.seen_through(float(setting.models.lens.focal)), gate=gate, enough=ENOUGH)
 
     def begin(self, run: Run) -> None:
         """Write the prior."""
@@ -121,7 +121,7 @@ def detect_corners(run: Run, rules: Record, corners: Corners, u: np.ndarray, con
     """A frame after the camera has moved: predict, search, delete, initialise, and judge."""
     motion, belief, memory, frame = run.models.motion, run.ekf, corners.memory, run.world.state.frame + 1
     predict(motion, belief, u, motion.dt, contact)
-    wander(belief, rules.drift / run.models.camera.focal, motion.dt)
+    wander(belief, rules.drift / run.models.lens.focal, motion.dt)
     K = run.world.fiducials.shape[0]
     searched, most = memory.shape[0] + K, 2 + 4 * rules.initialised
     count = 2 * (searched + K) + most
@@ -141,7 +141,7 @@ def detect_corners(run: Run, rules: Record, corners: Corners, u: np.ndarray, con
         if k >= 0:
             copy_into(points[k], corners.points[entry.corner])
             copy_into(run.first_seen[k], entry.first_seen)
-    add_offsets(run.estimate, run.first_seen, rules.feature_bias_std / run.models.camera.focal)
+    add_offsets(run.estimate, run.first_seen, rules.feature_bias_std / run.models.lens.focal)
     judge_by_scene(run, points, corners.spare)
 
 
@@ -164,11 +164,11 @@ def _search(run: Run, rules: Record, corners: Corners, draws: np.ndarray) -> int
     """Search what is in view of the belief, and update it; returns how many detections there are."""
     models, belief, fiducials, memory = run.models, run.ekf, run.world.fiducials, corners.memory
     K, pose, frame = fiducials.shape[0], run.world.state.camera, run.world.state.frame + 1
-    sight = sight_of_belief(models.camera, belief, fiducials, run.world.boxes[:0])
-    view = view_of(models.true_camera, pose, boxes_of(run.world))
+    sight = sight_of_belief(models.lens, belief, fiducials, run.world.boxes[:0])
+    view = view_of(models.true_lens, pose, boxes_of(run.world))
     believed, z = positions_of(belief), np.empty(2)
     v, found = sight.point.shape[0], 0
-    tried, blur = np.zeros(v, np.bool_), rules.fiducial_blur * speeds(models.camera, belief.state.camera, fiducials)
+    tried, blur = np.zeros(v, np.bool_), rules.fiducial_blur * speeds(models.lens, belief.state.camera, fiducials)
     for i in range(v):
         point = sight.point[i]
         m = _place(memory, point.id) if point.id > 0 else -1
@@ -220,8 +220,8 @@ def _search(run: Run, rules: Record, corners: Corners, draws: np.ndarray) -> int
 def _initialise_features(run: Run, rules: Record, corners: Corners, draws: np.ndarray, found: int) -> int:
     """Initialise features where few are in view, as detections behind those ``found``; returns how many."""
     models, belief, state, memory = run.models, run.ekf, run.world.state, corners.memory
-    K, pose, camera, frame = run.world.fiducials.shape[0], state.camera, models.camera, state.frame + 1
-    sight = sight_of_belief(camera, belief, run.world.fiducials, run.world.boxes[:0])
+    K, pose, lens, frame = run.world.fiducials.shape[0], state.camera, models.lens, state.frame + 1
+    sight = sight_of_belief(lens, belief, run.world.fiducials, run.world.boxes[:0])
     believed, v, crowd, in_view = positions_of(belief), sight.point.shape[0], 0, 0
     occupied = np.empty((v + rules.initialised, 2))
     for i in range(v):
@@ -232,12 +232,12 @@ def _initialise_features(run: Run, rules: Record, corners: Corners, draws: np.nd
                 continue
         copy_into(occupied[crowd], point.z_hat)
         across, down = point.z_hat[0], point.z_hat[1]
-        in_view += _EDGE <= across < camera.width - _EDGE and _EDGE <= down < camera.height - _EDGE
+        in_view += _EDGE <= across < lens.width - _EDGE and _EDGE <= down < lens.height - _EDGE
         crowd += 1
     wanted = min(rules.initialised, rules.visible - in_view)
     if wanted < rules.initialised:
         return 0
-    view, z, n, born = view_of(models.true_camera, pose, boxes_of(run.world)), np.empty(2), corners.points.shape[0], 0
+    view, z, n, born = view_of(models.true_lens, pose, boxes_of(run.world)), np.empty(2), corners.points.shape[0], 0
     begin = int(draws[0] * n)
     for k in range(n):
         c = (begin + k) % n
@@ -264,9 +264,9 @@ def _initialise_features(run: Run, rules: Record, corners: Corners, draws: np.nd
         entry.std = FEATURE_STD * math.exp(_SPREAD * spread)
         one.pixel[0], one.pixel[1] = z[0] + entry.std * first, z[1] + entry.std * second
         one.R[0, 0], one.R[0, 1], one.R[1, 0], one.R[1, 1] = entry.std**2, 0.0, 0.0, entry.std**2
-        noise = camera.pixel_std**2 * np.eye(2)
+        noise = lens.pixel_std**2 * np.eye(2)
         filter = models.filter
-        one.match = add_landmark(camera, filter.initialisation, filter.particles, belief, one.pixel, noise)
+        one.match = add_landmark(lens, filter.initialisation, filter.particles, belief, one.pixel, noise)
         if one.match <= 0:
             break
         entry.id, entry.corner, entry.seen, entry.tried, entry.matched = one.match, c, frame, 0.0, 0.0

@@ -33,12 +33,9 @@ TRIES = 24  # draws of which the first that no viewpoint would have seen is take
 def disprove(run: Run) -> None:
     """One frame from the estimated pose: move the expected landmarks that it disproves."""
     models, boxes, expected, view = run.models, known_boxes(run), run.expected, run.viewpoint
-    camera, pose, frames = (
-        models.camera,
-        run.estimate.state.camera,
-        models.filter.initialisation.new_feature_detections + 2,
-    )
-    here, present, z = np.zeros(1, VIEW), view_of(camera, pose, boxes), np.empty(2)
+    lens, pose = models.lens, run.estimate.state.camera
+    frames = models.filter.initialisation.new_feature_detections + 2
+    here, present, z = np.zeros(1, VIEW), view_of(lens, pose, boxes), np.empty(2)
     copy_into(here[0].pose, pose[:7])
     copy_into(here[0].axis, present.R_WC[:, 2])
     run.episode.views = _remember(view, run.episode.views, here[0])
@@ -84,7 +81,7 @@ def _same_view(a: Record, b: Record) -> bool:
 @compiled
 def _draw_anew(models: Record, boxes: np.ndarray, draws: np.ndarray, view: np.ndarray, y: np.ndarray) -> None:
     """Write a point of the room, or of its walls, by ``draws`` (3 TRIES + 1,), into ``y`` (3,)."""
-    camera, half, z = models.camera, models.motion.half, np.empty(2)
+    lens, half, z = models.lens, models.motion.half, np.empty(2)
     for t in range(TRIES):
         for i in range(3):
             y[i] = half[i] * (2.0 * draws[3 * t + i] - 1.0)
@@ -97,7 +94,7 @@ def _draw_anew(models: Record, boxes: np.ndarray, draws: np.ndarray, view: np.nd
         unseen = True
         for v in range(view.shape[0]):
             pose = view[v].pose
-            earlier = view_of(camera, pose, boxes)
+            earlier = view_of(lens, pose, boxes)
             unseen = unseen and not visible(earlier, y, -WELL_INSIDE_PX, z)
         if unseen:
             return

@@ -35,7 +35,7 @@ class ImagePerception:
     scene: Scene | None = None
 
     def __init__(self, setting: Setting, run: Run, start: np.ndarray, seed: np.random.SeedSequence) -> None:
-        self._camera = RoomCamera(setting.scenario, setting.models.true_camera, seed, start=start)
+        self._camera = RoomCamera(setting.scenario, setting.models.true_lens, seed, start=start)
         run.world.fiducials[:] = self._camera.fiducials
         run.world.boxes[:] = self._camera.scene.boxes
         run.world.state.boxes = len(self._camera.scene.boxes)
@@ -122,7 +122,7 @@ def _label(run: Run, scene_points: np.ndarray, match: int, pixel: np.ndarray) ->
         return CLUTTER_LABEL
     z, pose = np.empty(2), world.state.camera
     p_C = camera_point(rotation_matrix(pose[QUATERNION]), pose, point)
-    seen = pixel_from_camera_point(run.models.true_camera, p_C, z)
+    seen = pixel_from_camera_point(run.models.true_lens, p_C, z)
     if not seen or (z[0] - pixel[0]) ** 2 + (z[1] - pixel[1]) ** 2 > WRONG_PX**2:
         run.episode.events.wrong_matches += 1
         return CLUTTER_LABEL

@@ -142,7 +142,7 @@ def _observe_tokens(run: Run, out: np.ndarray) -> None:
     """
     estimate, expected, fiducials = run.estimate, run.expected, run.world.fiducials
     pose = estimate.state.camera
-    view = view_of(run.models.camera, pose, known_boxes(run))
+    view = view_of(run.models.lens, pose, known_boxes(run))
     K, F = fiducials.shape[0], estimate.landmark.shape[0]
     taken, z = np.zeros(F, np.bool_), np.empty(2)
     out[:] = 0.0

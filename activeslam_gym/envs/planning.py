@@ -33,7 +33,7 @@ def score_runs(
     for i in range(start, stop):
         run = run_at(runs, i, runs.estimate.covariance[i])
         models, time = run.models, run.episode.steps * step_time
-        score_plans(models.camera, models.motion, predicted_belief(run), time, plans, criterion, out[i])
+        score_plans(models.lens, models.motion, predicted_belief(run), time, plans, criterion, out[i])
 
 
 @compiled
@@ -48,4 +48,4 @@ def net_of_runs(runs: Run, plans: np.ndarray, step_time: float, out: np.ndarray,
     for i in range(start, stop):
         run = run_at(runs, i, runs.estimate.covariance[i])
         models, time, left = run.models, run.episode.steps * step_time, frames_left(run)
-        net_of_plans(models.camera, models.motion, predicted_belief(run), time, left, plans, out[0, i], out[1, i])
+        net_of_plans(models.lens, models.motion, predicted_belief(run), time, left, plans, out[0, i], out[1, i])

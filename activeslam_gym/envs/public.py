@@ -141,12 +141,12 @@ class Reads(Runs):
     def _evaluated_in_python(self, i: int, plans: np.ndarray, criterion: str | Criterion) -> np.ndarray:
         """(2, A) what `_evaluated` gives run ``i``, with a foreign sensor or by a foreign criterion."""
         run = row(self._runs, i)
-        given, camera, time = predicted_belief(run), run.models.camera, int(run.episode.steps) * self.gaze_period
+        given, lens, time = predicted_belief(run), run.models.lens, int(run.episode.steps) * self.gaze_period
         if criterion == "net_information":
-            given = candidates.without_present(camera, given)
-        var = float(camera.pixel_std**2)
+            given = candidates.without_present(lens, given)
+        var = float(lens.pixel_std**2)
         if self.scenario.sensor in _SENSOR_NAMES:
-            look = partial(sight_after, camera, given)
+            look = partial(sight_after, lens, given)
         else:
             sight = partial(sight_by, self._perceptions[i].sensor, given, var)
             where = f" in frame {int(run.world.state.frame)} of environment {i}"

@@ -106,12 +106,12 @@ def face_fiducials(run: Run, mean: np.ndarray, rng: np.random.Generator) -> None
     """
     from scipy.spatial.transform import Rotation
 
-    camera, pose = run.models.camera, run.world.state.camera
+    lens, pose = run.models.lens, run.world.state.camera
     R_WC, z = rotation_matrix(pose[QUATERNION]), np.empty(2)
     rays, directions = [], []
     for fiducial in run.world.fiducials:
-        if pixel_from_camera_point(camera, camera_point(R_WC, pose, fiducial), z):
-            rays.append(ray_from_pixel(camera, z + camera.pixel_std * rng.standard_normal(2)))
+        if pixel_from_camera_point(lens, camera_point(R_WC, pose, fiducial), z):
+            rays.append(ray_from_pixel(lens, z + lens.pixel_std * rng.standard_normal(2)))
             directions.append(fiducial - mean[POSITION])
     if len(rays) >= 2:
         rays = [ray / np.linalg.norm(ray) for ray in rays]

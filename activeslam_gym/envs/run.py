@@ -26,8 +26,8 @@ TASK = record(
 """What an environment asks: its rhythm, its reward, and when a run is lost."""
 
 MODELS = record(
-    camera=CAMERA,  # as the filter knows it
-    true_camera=CAMERA,
+    lens=CAMERA,  # as the filter knows it
+    true_lens=CAMERA,
     motion=MOTION,
     sensor=SENSOR,
     greatest_change="f8",  # see `SensorLimits`

@@ -157,16 +157,16 @@ def _default_step(scenario: Scenario, motion_period: float, duration: float) -> 
 
 def models_of(scenario: Scenario, task: Record, motion_period: float) -> Record:
     """The MODELS record of a scenario."""
-    camera = camera_of(scenario)
-    true_camera = camera.copy()
+    lens = camera_of(scenario)
+    true_lens = lens.copy()
     if scenario.true_focal_px is not None:
-        true_camera["focal"] = scenario.true_focal_px
+        true_lens["focal"] = scenario.true_focal_px
     if scenario.true_distortion is not None:
-        true_camera["distortion"] = scenario.true_distortion
+        true_lens["distortion"] = scenario.true_distortion
     return filled(
         MODELS,
-        camera=camera,
-        true_camera=true_camera,
+        lens=lens,
+        true_lens=true_lens,
         motion=motion_of(scenario, motion_period),
         sensor=sensor_of(scenario),
         **sensor_limits(scenario)._asdict(),

@@ -97,7 +97,7 @@ def snapshot_of(runs: Reads, i: int) -> Snapshot:
     run, perception, scenario = runs._at(i), runs._perceptions[i], runs.scenario
     belief, truth, episode = public_belief(run), truth_of(run.world), run.episode
     image = getattr(perception, "image", None)
-    points = sight_of_belief(run.models.camera, run.ekf, run.world.fiducials, uncompiled(known_boxes)(run))
+    points = sight_of_belief(run.models.lens, run.ekf, run.world.fiducials, uncompiled(known_boxes)(run))
     drawn = len(points.point) if scenario.estimator in COMPILED else 0  # another estimator's predictions are its own
     own = 2 * np.arange(drawn)[:, None, None] + np.arange(2)
     return Snapshot(

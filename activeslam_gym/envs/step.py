@@ -86,7 +86,7 @@ def estimate(run: Run, u: np.ndarray, contact: bool, labelled: bool, whole: bool
     detections, events = run.detections[: run.episode.detection_count], run.episode.events
     constants = models.filter.initialisation
     predict(models.motion, belief, u, models.motion.dt, contact)
-    sight = sight_of_belief(models.camera, belief, fiducials, boxes)  # predicted measurements: z_hat, H, H P and S
+    sight = sight_of_belief(models.lens, belief, fiducials, boxes)  # predicted measurements: z_hat, H, H P and S
     matches = associate(models, belief, boxes, sight, detections, labelled, events)
     count_misses(constants, belief, fiducials.shape[0], sight, matches)
     update(models, belief, fiducials, sight, matches, detections, events)
@@ -154,7 +154,7 @@ def simulate(run: Run, gaze: float) -> tuple[np.ndarray, bool]:
 def measure(run: Run) -> bool:
     """The detections of the frame under way; whether their ids are the true ones."""
     models, world = run.models, run.world
-    run.episode.detection_count = detect(models.true_camera, models.sensor, world, run.detections, run.label)
+    run.episode.detection_count = detect(models.true_lens, models.sensor, world, run.detections, run.label)
     return identify(run)
 
 

@@ -69,8 +69,8 @@ def use_identified(
     for one in detections:
         counts.rejected_matches += one.match == REJECTED
     count_misses(model.initialisation, belief, fiducials.shape[0], sight, matches)
-    frames = IMAGE_PRODUCT_FRAMES if models.camera.command_known else 1.0
-    update_by(models.camera, belief, fiducials, sight, matches, detections, frames)
+    frames = IMAGE_PRODUCT_FRAMES if models.lens.command_known else 1.0
+    update_by(models.lens, belief, fiducials, sight, matches, detections, frames)
     counts.conversions += promote(model.initialisation, belief)
 
 

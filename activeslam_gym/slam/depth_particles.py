@@ -105,7 +105,7 @@ def predict_rays(lens: Record, belief: Belief, boxes: np.ndarray) -> Rays:
 
 @compiled
 def _predict_ray(view: View, belief: Belief, rays: Rays, r: int) -> None:
-    feature, lens = belief.feature[rays.feature[r]], view.camera
+    feature, lens = belief.feature[rays.feature[r]], view.lens
     particles, m = belief.particles[feature.slot], bearing(feature.mean[AZIMUTH], feature.mean[ELEVATION])
     H_x, H_point, H_ray = np.empty((2, 6)), np.empty((2, 3)), np.empty((2, 6))
     for j in range(particles.shape[0]):

@@ -18,14 +18,7 @@ from activeslam_gym.config import KNOWN, Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, POSITION, QUATERNION
 from activeslam_gym.slam.association import associate
-from activeslam_gym.slam.belief import (
-    INVERSE_DEPTH,
-    KIND_DIM,
-    angles_of,
-    bearing,
-    point_of,
-    reset_belief,
-)
+from activeslam_gym.slam.belief import INVERSE_DEPTH, KIND_DIM, angles_of, bearing, point_of, reset_belief
 from activeslam_gym.slam.detection import NEW, REJECTED
 from activeslam_gym.slam.estimate import EKF, EKF_PLAIN, Estimate, Measurements, taken_estimate
 from activeslam_gym.slam.filter import Filter, detections_of
@@ -90,7 +83,7 @@ class Ekf:
         elif len(matched := np.flatnonzero(matches >= 0)):
             self.correct(sight.point[matched], values[matches[matched]], noise[matches[matched]])
         convert_and_delete(model.initialisation, belief, counts)
-        for i in follow_tracks(self.models.camera, model.initialisation, belief, found):
+        for i in follow_tracks(self.models.lens, model.initialisation, belief, found):
             found["match"][i] = self.add_landmark(values[i], noise[i])
         return found["match"].copy()
 
@@ -104,7 +97,7 @@ class Ekf:
         A miss of one that the sensor would not see is not telling.
         """
         belief, camera = self.belief, self.belief.state.camera
-        sight = sight_of_belief(self.models.camera, belief, self.fiducials, self.boxes)
+        sight = sight_of_belief(self.models.lens, belief, self.fiducials, self.boxes)
         points, places = sight.point.view(PREDICTED), np.zeros((len(sight.point), 3))
         z, H = self.linearised(points, places)
         shown = self.sensor.visible(camera, places)
@@ -137,8 +130,8 @@ class Ekf:
         """
         belief, dim = self.belief, self.belief.state.dim
         P, places, value = belief.covariance[:dim, :dim], np.zeros((len(points), 3)), values.ravel()
-        lasts = self.models.camera.command_known or len(self.fiducials) > 0
-        R, size = block_diag(*noise), self.models.camera.pixel_std / np.sqrt(noise.diagonal(axis1=1, axis2=2)).ravel()
+        lasts = self.models.lens.command_known or len(self.fiducials) > 0
+        R, size = block_diag(*noise), self.models.lens.pixel_std / np.sqrt(noise.diagonal(axis1=1, axis2=2)).ravel()
         S_c = np.zeros((len(points), *self.sensor.noise.shape))
         S_c[:, :2, :2] = (PRODUCT_FRAMES if lasts else 1.0) * points["curvature"]
         R = R + block_diag(*S_c)
@@ -167,7 +160,7 @@ class Ekf:
 
     def add_landmark(self, value: np.ndarray, R: np.ndarray) -> int:
         """Initialise the feature measured as ``value`` (d,) with noise ``R`` (d, d); its id, or NEW without room."""
-        belief, model, lens, camera = self.belief, self.models.filter, self.models.camera, self.belief.state.camera
+        belief, model, lens, camera = self.belief, self.models.filter, self.models.lens, self.belief.state.camera
         if belief.particles.shape[1] > 0:
             return int(add_landmark(lens, model.initialisation, model.particles, belief, value[:2], R[:2, :2]))
         prior = float(model.initialisation.rho_mean), float(model.initialisation.rho_std)

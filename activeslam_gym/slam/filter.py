@@ -57,7 +57,7 @@ COUNTS = record(
     restarts="i8",  # times that the belief was reset
 )
 """Counters that a frame adds to; any record with these fields will do."""
-_MODELS = record(camera=CAMERA, motion=MOTION, filter=FILTER)
+_MODELS = record(lens=CAMERA, motion=MOTION, filter=FILTER)
 
 
 class Filter:
@@ -90,9 +90,9 @@ class Filter:
         scenario = scenario or Scenario()
         first, prior = start_of(scenario)
         self.models = filled(
-            _MODELS, camera=camera_of(scenario), motion=motion_of(scenario, 1.0), filter=filter_of(scenario)
+            _MODELS, lens=camera_of(scenario), motion=motion_of(scenario, 1.0), filter=filter_of(scenario)
         )
-        self.camera = self.models.camera
+        self.camera = self.models.lens
         self.belief = row(empty_beliefs(scenario, 1), 0)
         self.fiducials = _array("fiducials", fiducials, np.zeros((0, 3)), (-1, 3))
         self.boxes = _array("boxes", boxes, np.zeros((0, 2, 3)), (-1, 2, 3))

@@ -39,16 +39,7 @@ from activeslam_gym.motion import (
     transition,
     transition_jacobian,
 )
-from activeslam_gym.slam.belief import (
-    AZIMUTH,
-    ELEVATION,
-    INVERSE_DEPTH,
-    KIND_DIM,
-    PLAIN,
-    POINT,
-    RHO,
-    Belief,
-)
+from activeslam_gym.slam.belief import AZIMUTH, ELEVATION, INVERSE_DEPTH, KIND_DIM, PLAIN, POINT, RHO, Belief
 from activeslam_gym.slam.detection import REJECTED
 from activeslam_gym.slam.restart import contradicted, restart
 from activeslam_gym.slam.sight import POSE_DIM, PRODUCT_FRAMES, Sight, pixel_rows, predict_pixel, sight_with
@@ -140,8 +131,8 @@ def update(
         restart(models.filter.restart, belief)
         detections["match"][:] = REJECTED
     else:
-        lasts = models.camera.command_known or fiducials.shape[0] > 0
-        update_by(models.camera, belief, fiducials, sight, matches, detections, PRODUCT_FRAMES if lasts else 1.0)
+        lasts = models.lens.command_known or fiducials.shape[0] > 0
+        update_by(models.lens, belief, fiducials, sight, matches, detections, PRODUCT_FRAMES if lasts else 1.0)
 
 
 @compiled

@@ -70,14 +70,14 @@ INITIALISATION, initialisation_of = constants(
 def initialise(models: Record, belief: Belief, detections: np.ndarray, counts: Record) -> None:
     """Initialise features at detections (M,) that nothing explained for several frames; sets their ``match``."""
     model = models.filter
-    for i in follow_tracks(models.camera, model.initialisation, belief, detections):
+    for i in follow_tracks(models.lens, model.initialisation, belief, detections):
         one = detections[i]
-        one.match = add_landmark(models.camera, model.initialisation, model.particles, belief, one.pixel, one.R)
+        one.match = add_landmark(models.lens, model.initialisation, model.particles, belief, one.pixel, one.R)
         counts.initialised += one.match != NEW
 
 
 @compiled
-def follow_tracks(camera: Record, model: Record, belief: Belief, detections: np.ndarray) -> np.ndarray:
+def follow_tracks(lens: Record, model: Record, belief: Belief, detections: np.ndarray) -> np.ndarray:
     """Follow detections (M,) that nothing explains; returns the indices of those that now deserve a feature.
 
     A track is a world direction (its parallax in a frame is small), dropped at the first frame without a NEW detection
@@ -88,13 +88,13 @@ def follow_tracks(camera: Record, model: Record, belief: Belief, detections: np.
     for t in range(tracks.shape[0]):
         if tracks[t].hits == 0:
             continue
-        i = _nearest_detection(camera, R_WC, tracks[t].direction, detections, taken)
+        i = _nearest_detection(lens, R_WC, tracks[t].direction, detections, taken)
         if i < 0:
             tracks[t].hits = 0
             continue
         taken[i] = True
         tracks[t].hits += 1
-        copy_into(tracks[t].direction, direction_of(camera, R_WC, detections[i].pixel))
+        copy_into(tracks[t].direction, direction_of(lens, R_WC, detections[i].pixel))
         if tracks[t].hits >= model.new_feature_detections:
             ripe[count] = i
             count += 1
@@ -105,23 +105,23 @@ def follow_tracks(camera: Record, model: Record, belief: Belief, detections: np.
             t += 1
         if t < tracks.shape[0] and not taken[i]:
             tracks[t].hits = 1
-            copy_into(tracks[t].direction, direction_of(camera, R_WC, detections[i].pixel))
+            copy_into(tracks[t].direction, direction_of(lens, R_WC, detections[i].pixel))
     return ripe[:count]
 
 
 @compiled
-def direction_of(camera: Record, R_WC: np.ndarray, pixel: np.ndarray) -> np.ndarray:
+def direction_of(lens: Record, R_WC: np.ndarray, pixel: np.ndarray) -> np.ndarray:
     """World direction (3,) of a pixel, of any length: R r(z)."""
-    return np.array(world_from_camera(R_WC, ray_from_pixel(camera, pixel)))
+    return np.array(world_from_camera(R_WC, ray_from_pixel(lens, pixel)))
 
 
 @compiled
 def _nearest_detection(
-    camera: Record, R_WC: np.ndarray, direction: np.ndarray, detections: np.ndarray, taken: np.ndarray
+    lens: Record, R_WC: np.ndarray, direction: np.ndarray, detections: np.ndarray, taken: np.ndarray
 ) -> int:
     """Index of the free detection nearest to where ``direction`` projects, within the radius, or -1."""
     z, h = np.empty(2), (direction[0], direction[1], direction[2])
-    if not pixel_from_camera_point(camera, camera_from_world(R_WC, h), z):
+    if not pixel_from_camera_point(lens, camera_from_world(R_WC, h), z):
         return -1
     best, nearest = -1, TRACK_RADIUS_PX**2
     for i in range(detections.shape[0]):
@@ -136,7 +136,7 @@ def _nearest_detection(
 
 
 @compiled
-def add_landmark(camera: Record, model: Record, rays: Record, belief: Belief, pixel: np.ndarray, R: np.ndarray) -> int:
+def add_landmark(lens: Record, model: Record, rays: Record, belief: Belief, pixel: np.ndarray, R: np.ndarray) -> int:
     """Add the feature seen at ``pixel`` (2,) with noise ``R`` (2, 2); returns its id, or NEW if there is no room.
 
     Both kinds begin with the anchor and the direction of the line of sight; inverse depth adds a Gaussian rho,
@@ -146,7 +146,7 @@ def add_landmark(camera: Record, model: Record, rays: Record, belief: Belief, pi
     width, rays_in_use = KIND_DIM[kind], np.sum(belief.feature["kind"][: belief.state.count] == RAY)
     if not room_for(belief, width) or (kind == RAY and rays_in_use >= model.ray_capacity):
         return NEW
-    mean, J_x, Q = line_of_sight(camera, belief.state.camera, pixel, R)
+    mean, J_x, Q = line_of_sight(lens, belief.state.camera, pixel, R)
     mean[RHO] = model.rho_mean
     Q[RHO, RHO] = model.rho_std**2
     k = append_feature(belief, kind, mean, J_x[:width], Q)

@@ -103,7 +103,7 @@ def point_measurement(view: View, y: np.ndarray, z: np.ndarray, H_x: np.ndarray,
     pose = view.pose
     d = (y[0] - pose[0], y[1] - pose[1], y[2] - pose[2])
     p_C = camera_from_world(view.R_WC, d)
-    if p_C[2] < view.camera.minimum_depth or not pixel_from_camera_point(view.camera, p_C, z):
+    if p_C[2] < view.lens.minimum_depth or not pixel_from_camera_point(view.lens, p_C, z):
         return False
     _chain(view, p_C, d, 1.0, H_x, H_y)
     return True
@@ -121,7 +121,7 @@ def inverse_depth_measurement(view: View, feature: np.ndarray, z: np.ndarray, H_
     offset = (feature[0] - pose[0], feature[1] - pose[1], feature[2] - pose[2])
     d = (rho * offset[0] + m[0][0], rho * offset[1] + m[0][1], rho * offset[2] + m[0][2])
     p_C = camera_from_world(view.R_WC, d)
-    if p_C[2] < view.camera.minimum_depth * rho or not pixel_from_camera_point(view.camera, p_C, z):
+    if p_C[2] < view.lens.minimum_depth * rho or not pixel_from_camera_point(view.lens, p_C, z):
         return False
     _chain(view, p_C, d, rho, H_x, H_y)
     for i in range(2):
@@ -136,7 +136,7 @@ def inverse_depth_measurement(view: View, feature: np.ndarray, z: np.ndarray, H_
 def _chain(view: View, p_C: Vector, d: Vector, scale: float, H_x: np.ndarray, H_y: np.ndarray) -> None:
     """J = dz/dp_C R^T; H_y[:, :3] = scale J (by a world point), H_x = [-scale J, J [d]x]."""
     R_WC = view.R_WC
-    pixel_jacobian(view.camera, p_C, H_y)  # dz/dp_C, for as long as it takes to turn it
+    pixel_jacobian(view.lens, p_C, H_y)  # dz/dp_C, for as long as it takes to turn it
     for i in range(2):
         a, b, c = H_y[i, 0], H_y[i, 1], H_y[i, 2]
         for j in range(3):

@@ -79,7 +79,7 @@ def store(
 
     ``normal`` (3,) is the plane's normal in the world if it is known, or zero: then it faces the camera.
     """
-    x, y, z = world_from_camera(view.R_WC, ray_from_pixel(view.camera, pixel))
+    x, y, z = world_from_camera(view.R_WC, ray_from_pixel(view.lens, pixel))
     length = math.sqrt(x * x + y * y + z * z)
     sight = np.array((x / length, y / length, z / length))
     along = normal[0] * sight[0] + normal[1] * sight[1] + normal[2] * sight[2]
@@ -119,7 +119,7 @@ def _find_nodes(view: View, templates: Templates, place: int, point: np.ndarray,
 
     Between them the map is so nearly linear that interpolation is as good as the homography (under 0.02 px).
     """
-    camera, first, normal, born = view.camera, templates.camera[place], templates.normal[place], templates.pixel[place]
+    camera, first, normal, born = view.lens, templates.camera[place], templates.normal[place], templates.pixel[place]
     R_WB = rotation_matrix(first[QUATERNION])
     ray = ray_from_pixel(camera, born)
     length, along_ray = math.sqrt(ray[0] * ray[0] + ray[1] * ray[1] + 1.0), world_from_camera(R_WB, ray)

@@ -210,16 +210,16 @@ def _draws(world: World) -> int:
 
 
 @compiled
-def detect(camera: Record, sensor: Record, world: World, candidates: np.ndarray, labels: np.ndarray) -> int:
+def detect(lens: Record, sensor: Record, world: World, candidates: np.ndarray, labels: np.ndarray) -> int:
     """The detections of the present true pose, in random order: visible points, noise, misses, clutter; how many.
 
     Writes ``candidates.pixel`` and their ``labels`` (M,). Labels are for scoring; a filter must not read them.
-    ``camera`` is the true one, which a filter may know wrongly.
+    ``lens`` is the true one, which a filter may know wrongly.
     """
     K = world.fiducials.shape[0]
     points = K + world.landmarks.shape[0]
     pose = world.state.camera
-    view = view_of(camera, pose, boxes_of(world))
+    view = view_of(lens, pose, boxes_of(world))
     first = _draws(world) * world.state.frame + 8
     draws = uniforms(world.state.noise_key, first, 4 * points + 4 * sensor.clutter_capacity + 1)
     order, z = np.empty(labels.shape[0]), np.empty(2)
@@ -231,14 +231,14 @@ def detect(camera: Record, sensor: Record, world: World, candidates: np.ndarray,
         if i >= K and world.normals.shape[0] > 0 and not faces(world.normals[i - K], y, pose, sensor.facing_cosine):
             continue
         noise_u, noise_v = normal_pair(draws[2 * i], draws[2 * i + 1])
-        candidates[n].pixel[0] = z[0] + camera.pixel_std * noise_u
-        candidates[n].pixel[1] = z[1] + camera.pixel_std * noise_v
+        candidates[n].pixel[0] = z[0] + lens.pixel_std * noise_u
+        candidates[n].pixel[1] = z[1] + lens.pixel_std * noise_v
         labels[n], order[n] = i, draws[3 * points + i]
         n += 1
     spare = draws[4 * points :]
     for i in range(_poisson(sensor.clutter_rate, spare[0], sensor.clutter_capacity)):
-        candidates[n].pixel[0] = camera.width * spare[1 + 3 * i]
-        candidates[n].pixel[1] = camera.height * spare[2 + 3 * i]
+        candidates[n].pixel[0] = lens.width * spare[1 + 3 * i]
+        candidates[n].pixel[1] = lens.height * spare[2 + 3 * i]
         labels[n], order[n] = CLUTTER_LABEL, spare[3 + 3 * i]
         n += 1
     _shuffle(candidates, labels, order[:n])

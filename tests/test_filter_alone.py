@@ -11,11 +11,11 @@ from activeslam_gym.config import DEPTH_PARTICLES, INVERSE_DEPTH
 from activeslam_gym.envs.active_slam import ActiveSLAMEnv
 from activeslam_gym.geometry import rotate_left
 from activeslam_gym.motion import accelerations, turn_of
+from activeslam_gym.slam.appearance import wander
 from activeslam_gym.slam.belief import INVERSE_DEPTH as INVERSE_DEPTH_KIND
 from activeslam_gym.slam.belief import POINT, fiducial_id, point_of
 from activeslam_gym.slam.detection import NEW
 from activeslam_gym.slam.filter import Filter, detections_of
-from activeslam_gym.slam.kalman import wander
 from activeslam_gym.slam.map import convert_to_point
 from activeslam_gym.slam.restart import restart
 from activeslam_gym.slam.sight import INSIDE

@@ -9,15 +9,13 @@ import pytest
 from activeslam_gym.config import Scenario
 from activeslam_gym.envs.evaluation import (
     LOSS,
-    NO_OWNER,
-    OWNER,
-    UNKNOWN,
     features_of_landmarks,
     judge_matches,
     match_to_truth,
     true_id,
 )
 from activeslam_gym.envs.reward import REWARDS
+from activeslam_gym.envs.run import NO_OWNER, OWNER, UNKNOWN
 from activeslam_gym.metrics import UNSOUND_LOG_SCORE
 from activeslam_gym.slam.belief import POINT, fiducial_id
 from activeslam_gym.slam.detection import NEW, REJECTED, UNASSOCIATED

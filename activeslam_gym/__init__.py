@@ -12,8 +12,7 @@ from activeslam_gym.envs.active_slam_vector import (
     ActiveSLAMVectorEnv,
 )
 from activeslam_gym.envs.checks import check_estimator, check_scene, check_sensor
-from activeslam_gym.envs.context import CONTEXT_FEATURES
-from activeslam_gym.envs.observation import ObservationLayout
+from activeslam_gym.envs.observation import CONTEXT_FEATURES, ObservationLayout
 from activeslam_gym.motion import Gaze, Motion
 
 __version__ = "0.1.0"

@@ -190,7 +190,7 @@ def test_observation_holds_nothing_of_the_truth_but_its_detections() -> None:
     world.state.camera[:3] += 0.1
     world.landmarks[:] += 0.3
     for one in (env, other):
-        one._play_one(BEGIN, Gaze.STAY)  # evaluates and observes the run as it is
+        one._play(BEGIN, 0.0)  # evaluates and observes the run as it is
     here, there = simulation_of(env), simulation_of(other)
     assert here.episode.evaluation.position_error != there.episode.evaluation.position_error
     np.testing.assert_array_equal(here.observation, there.observation)

@@ -11,8 +11,7 @@ import pytest
 
 import activeslam_gym  # noqa: F401  (registers the environment)
 from activeslam_gym import Gaze, Motion, config
-from activeslam_gym.envs.context import CONTEXT_FEATURES, CONTEXT_SIZE
-from activeslam_gym.envs.observation import layout_of
+from activeslam_gym.envs.observation import CONTEXT_FEATURES, CONTEXT_SIZE, layout_of
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")

@@ -12,7 +12,9 @@ from gymnasium.utils.env_checker import check_env
 
 import activeslam_gym  # noqa: F401  (registers the environment)
 from activeslam_gym import SCENARIOS
-from activeslam_gym.motion import Gaze, Motion
+from activeslam_gym.camera import camera_point, pixel_from_camera_point
+from activeslam_gym.geometry import rotation_matrix
+from activeslam_gym.motion import QUATERNION, Gaze, Motion
 from activeslam_gym.vision.settings import SIGHTED
 from activeslam_gym.world import simulator
 
@@ -74,8 +76,16 @@ def test_a_batch_is_its_single_environments_through_an_autoreset() -> None:
 
 def test_the_images_tell_where_the_camera_is_by_matches_good_to_a_fraction_of_a_pixel(played) -> None:
     env, _, _, infos = played
-    errors = env.unwrapped.match_errors()
-    assert len(errors) > 8 and np.median(np.abs(errors[:, 1:3])) < 0.3
+    core = env.unwrapped
+    run, followed, z, errors = core._run, core._perceptions[0]._followed, np.empty(2), []
+    older = run.ekf.feature[: run.ekf.state.count]
+    for one in run.detections[: int(run.episode.detection_count)]:
+        if one["match"] in older["id"][older["born"] < run.ekf.state.frame]:
+            pose, point = run.world.state.camera, followed.of(one["match"][None])[0]
+            p_C = camera_point(rotation_matrix(pose[QUATERNION]), pose, point)
+            assert pixel_from_camera_point(run.models.true_lens, p_C, z)
+            errors.append(one["pixel"] - z)
+    assert len(errors) > 4 and np.median(np.abs(errors)) < 0.3
     assert infos[-1]["position_error"] < 0.2 and infos[-1]["orientation_error"] < 0.1
     assert infos[-1]["entropy"] < infos[0]["entropy"] - 100.0, "bits"
     assert sum(info["events"]["initialised"] for info in infos[1:]) > 8
@@ -115,7 +125,7 @@ def test_the_camera_knows_where_it_is_from_a_start_at_a_wall(start: str) -> None
             env.step((Motion.STAY, Gaze.STAY))
         core = env.unwrapped
         assert np.linalg.norm(core.truth.position - core.belief.position) < 0.03
-        assert {-1, -2, -3, -4} <= set(core.match_errors()[:, 0].astype(int).tolist())
+        assert {-1, -2, -3, -4} <= set(core.labels.matched.tolist())
         assert core.nees()["position"] < 5.0
 
 

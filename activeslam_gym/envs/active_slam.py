@@ -7,7 +7,7 @@ import gymnasium
 import numpy as np
 
 from activeslam_gym.config import Scenario, whole_number
-from activeslam_gym.envs.actions import INDICES, PAIRS, POINTS, Encoding, action_masks, checked_options
+from activeslam_gym.envs.actions import INDICES, POINTS, checked_options
 from activeslam_gym.envs.info import info_of
 from activeslam_gym.envs.observation import observation_space
 from activeslam_gym.envs.public import SingleReads
@@ -182,7 +182,6 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 20}
-    _encoding: Encoding = PAIRS
 
     def __init__(
         self,
@@ -246,17 +245,6 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         self._running = not (terminated or truncated)
         self._show()
         return observation, float(episode["reward"][0]), terminated, truncated, info_of(self._runs, self.setting.reward)
-
-    def action_masks(self) -> np.ndarray:
-        """(10,) bool, motions and then gazes (discrete: (21,)): false for a motion that the next step would ignore.
-
-        Sb3-contrib's `MaskablePPO` reads it.
-
-        Raises:
-            AttributeError: the actions are continuous.
-        """
-        phases = np.array([self.motion_phase])
-        return action_masks(self.action_space, self._runs.episode["control"]["command"], phases)[0]
 
     def render(self) -> np.ndarray | None:
         """The present moment as an (H, W, 3) uint8 image in ``rgb_array`` mode; nothing in ``human`` mode.

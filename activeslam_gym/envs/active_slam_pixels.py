@@ -5,12 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from activeslam_gym.camera import camera_point, pixel_from_camera_point
 from activeslam_gym.config import Scenario
 from activeslam_gym.envs.active_slam import ActiveSLAMEnv
 from activeslam_gym.envs.active_slam_vector import ActiveSLAMVectorEnv
-from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.motion import QUATERNION
 from activeslam_gym.sensors.sensor import IMAGES
 
 
@@ -50,22 +47,6 @@ class ActiveSLAMPixelsEnv(ActiveSLAMEnv):
     def image(self) -> np.ndarray:
         """(H, W) uint8 the last image; a copy."""
         return self._perceptions[0].image.copy()
-
-    def match_errors(self) -> np.ndarray:
-        """(m, 6) of the last frame's matches: id, error u, v [px], and the noise R that was assumed, uu, uv, vv [px^2].
-
-        The error is measured - true, by the scene point. For the evaluator, never for policies.
-        """
-        run, eye = self._run, self._perceptions[0]
-        pose, older = run.world.state.camera, set(self.belief.ids.tolist()) - eye.newest
-        R_WC, z, out = rotation_matrix(pose[QUATERNION]), np.empty(2), []
-        for one in run.detections[: int(run.episode.detection_count)]:
-            match, R = int(one["match"]), one["R"]
-            if match in older or -len(run.world.fiducials) <= match < 0:
-                point = eye.scene_points(one["match"][None])[0] if match > 0 else run.world.fiducials[-1 - match]
-                pixel_from_camera_point(run.models.true_lens, camera_point(R_WC, pose, point), z)
-                out.append((match, *(one["pixel"] - z), R[0, 0], R[0, 1], R[1, 1]))
-        return np.reshape(out, (-1, 6))
 
 
 class ActiveSLAMPixelsVectorEnv(ActiveSLAMVectorEnv):

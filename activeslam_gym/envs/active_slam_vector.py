@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from activeslam_gym.config import Scenario, whole_number
-from activeslam_gym.envs.actions import INDICES, PAIRS, POINTS, Encoding, action_masks, checked_options
+from activeslam_gym.envs.actions import INDICES, POINTS, checked_options
 from activeslam_gym.envs.info import infos_of
 from activeslam_gym.envs.observation import observation_space
 from activeslam_gym.envs.public import BatchReads
@@ -48,7 +48,6 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         "render_fps": 20,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
-    _encoding: Encoding = PAIRS
     closed = True  # until the constructor has taken its arguments
 
     def __init__(
@@ -120,10 +119,6 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         infos = self._end_same_step() if self.autoreset_mode is AutoresetMode.SAME_STEP else {}
         infos.update(infos_of(self._runs, self.setting.reward, np.ones(self.num_envs, bool)))
         return self._runs.observation.copy(), rewards, terminated, truncated, infos
-
-    def action_masks(self) -> np.ndarray:
-        """(B, 10) bool, or (B, 21) of the discrete variant; see `ActiveSLAMEnv.action_masks`."""
-        return action_masks(self.single_action_space, self._runs.episode["control"]["command"], self.motion_phase)
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> Any:
         """The attribute or method ``name`` of the batch, as clients of `gymnasium.vector.SyncVectorEnv` ask for it."""

@@ -19,11 +19,10 @@ from activeslam_gym.envs.active_slam import ActiveSLAMEnv
 from activeslam_gym.envs.setting import scenario_with
 from activeslam_gym.motion import CAMERA_DIM, POSITION, QUATERNION
 from activeslam_gym.registry import array_of, asked, name_of, part_of
-from activeslam_gym.sensors.sensor import OWN_SENSORS, POINTS, Detections
+from activeslam_gym.sensors.sensor import OWN_SENSORS, POINTS, measured, noise_of
 from activeslam_gym.slam.belief import start_of
 from activeslam_gym.slam.estimate import EKF
 from activeslam_gym.world.room import draw_scene, scene_factory
-from activeslam_gym.world.truth import Truth
 
 RAYS = 300
 NEAR = 1e-3  # before and behind a surface [m]
@@ -90,9 +89,7 @@ def check_sensor(sensor: Any, scenario: Given = "paper", seed: int = 0) -> None:
     env = ActiveSLAMEnv(replace(of, sensor=POINTS, estimator=EKF), end_when_lost=False)
     env.reset(seed=seed)
     first, twin = (asked(what, make, of, np.random.SeedSequence(seed)) for _ in range(2))
-    noise = asked(f"noise of {what}", lambda: np.array(first.noise, float))
-    covariance = noise.ndim == 2 and (noise == noise.T).all() and _positive(noise)
-    _demand(covariance, what, "has a noise that is no covariance")
+    noise = noise_of(what, first)
     rng, seen, denied = np.random.default_rng(seed), 0, 0
     squares: list[float] = []
     env.action_space.seed(seed)
@@ -101,9 +98,9 @@ def check_sensor(sensor: Any, scenario: Given = "paper", seed: int = 0) -> None:
         truth, time = env.truth, float(env.time)
         camera = np.concatenate((truth.position, truth.quaternion, truth.velocity, truth.angular_velocity))
         points = np.concatenate((truth.fiducials, truth.landmarks))
-        values, labels = _measured(first, what, truth, time, len(noise), len(points))
+        values, labels = measured(what, first, truth, time, len(noise))
         for one in (first, twin):
-            same = np.array_equal(values, _measured(one, what, truth, time, len(noise), len(points))[0])
+            same = np.array_equal(values, measured(what, one, truth, time, len(noise)).values)
             _demand(same, what, "measures something else at the same time, from the same seed")
         visible = array_of(f"visible() of {what}", first.visible(camera, points), (len(points),), bool)
         real = labels >= 0
@@ -158,16 +155,6 @@ def _positive(P: np.ndarray) -> bool:
     """Whether a covariance is positive definite, in units of its own deviations."""
     size = np.sqrt(np.maximum(np.diag(P), 1e-300))
     return bool(np.isfinite(P).all() and np.linalg.eigvalsh(P / np.outer(size, size)).min() > -1e-9)
-
-
-def _measured(sensor: Any, what: str, truth: Truth, time: float, d: int, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """(M, d) measurements, and of which of ``count`` points each is, or -1."""
-    given = asked(f"measure() of {what}", lambda: Detections(*sensor.measure(truth, time)))
-    values = array_of(f"values of measure() of {what}", given.values, (None, d))
-    labels = array_of(f"labels of measure() of {what}", given.labels, (len(values),), int)
-    _demand(np.isfinite(values).all(), what, "measures what is not finite")
-    _demand(((-1 <= labels) & (labels < count)).all(), what, f"has labels outside of -1 … {count - 1}: {labels}")
-    return values, labels
 
 
 def _predicted(sensor: Any, what: str, camera: np.ndarray, point: np.ndarray, d: int) -> list[np.ndarray]:

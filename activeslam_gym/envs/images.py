@@ -14,6 +14,7 @@ from activeslam_gym.motion import QUATERNION
 from activeslam_gym.slam.detection import REJECTED
 from activeslam_gym.slam.estimate import index_of
 from activeslam_gym.slam.filter import Filter
+from activeslam_gym.slam.kalman import update_contact
 from activeslam_gym.vision.frontend import FrontEnd
 from activeslam_gym.vision.room.camera import FollowedPoints, RoomCamera, introduce_target
 from activeslam_gym.vision.settings import SIGHTED
@@ -44,8 +45,6 @@ class ImagePerception:
         introduce_target(self._front_end, self._camera.fiducials, start)
         self._spare = run.world.landmarks.copy()
         self._followed = FollowedPoints(self._camera)
-        self.newest: set[int] = set()
-        """Ids of the features that the last image initialised."""
         self.image = self._camera.photograph(run.world.state.camera, 0)
 
     def begin(self, run: Run) -> None:
@@ -56,13 +55,13 @@ class ImagePerception:
         """Photograph the room, and let the front end search it, under the known accelerations ``u`` (6,)."""
         self._filter.attach(run.ekf)
         if contact:
-            self._filter.update_contact(u, float(run.models.motion.dt))
+            update_contact(run.ekf, u, float(run.models.motion.dt))
         self._look(run, u)
         write_whole_estimate(run)
         ids = run.estimate.landmark["id"][: int(run.estimate.state.count)]
         run.first_seen[: len(ids)] = self._front_end.first_seen(ids)
         self._front_end.add_feature_bias(run.estimate)
-        judge_by_scene(run, self.scene_points(ids), self._spare)
+        judge_by_scene(run, self._followed.of(ids), self._spare)
 
     def _look(self, run: Run, u: np.ndarray) -> None:
         state, counts = run.world.state.camera, self._filter.counts
@@ -71,18 +70,12 @@ class ImagePerception:
         counts["conversions"] = 0
         log = self._front_end.step(self.image, frame * float(run.models.motion.dt), u)
         found, events = self._front_end.candidates, run.episode.events
-        born = found[len(found) - log.initialised :]
-        self.newest = set(born["match"].tolist())
         self._followed.look(state, self.image, found)
         for name, count in zip(_COUNTED, (log.initialised, log.deletions, log.rejected, int(counts["conversions"]))):
             events[name] += count
         believed_first = found[np.argsort(found["match"] == REJECTED, kind="stable")][: len(run.detections)]
         run.detections[: len(believed_first)] = believed_first
         run.episode["detection_count"] = len(believed_first)
-
-    def scene_points(self, ids: np.ndarray) -> np.ndarray:
-        """(n, 3) of the features ``ids`` (n,): the scene point that each follows [m]."""
-        return self._followed.of(ids)
 
 
 @compiled

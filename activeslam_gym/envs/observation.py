@@ -41,6 +41,13 @@ TOKEN_FEATURES = {"direction": 3, "log_distance": 1, "log_uncertainty": 1, "log_
 TOKEN_FEATURES |= {"fiducial": 1, "expected": 1, "initialising": 1, "mapped": 1}
 """Name and length of each feature of a token, in order; `ActiveSLAMEnv` says what each is, and its scale."""
 
+CONTEXT_FEATURES = {"half_room": 3, "duration": 1, "time_left": 1, "noise": 1, "acceleration": 1}
+CONTEXT_FEATURES |= {"angular_acceleration": 1, "landmarks": 1, "inverse_depth": 1, "field_of_view": 1}
+CONTEXT_FEATURES |= {"reach": 1, "command_known": 1}
+"""The same of the context, which an agent of several scenarios is given beside the observation; see `context_of`."""
+CONTEXT_SIZE = sum(CONTEXT_FEATURES.values())
+_FARTHEST = 10.0  # the range of a sensor without a limit is observed as this [m]
+
 
 def _starts(lengths: dict[str, int]) -> Any:
     """Where each of the named parts begins: a named tuple."""
@@ -205,3 +212,42 @@ def _uncertainty(pose: np.ndarray, y: np.ndarray, P_y: np.ndarray, token: np.nda
 @compiled
 def _log_deviation(deviation: float) -> float:
     return math.log10(max(deviation, _LOG_FLOOR)) / 3.0
+
+
+# Beside the observation ----------------------------------------------------------------------------------------------
+
+
+def context_of(runs: Run, duration: float) -> np.ndarray:
+    """The context of each run, (B, `CONTEXT_SIZE`) float32 within [-1, 1]: the scales of the observation.
+
+    Positions are scaled by the room, times by the duration, so that one policy for several scenarios needs them. The
+    filter knows them all; none is the truth of an episode.
+
+    In order: half the room's size [10 m], the decimal logarithm of the duration and of the time left [0.5 log10 s],
+    of the measurement noise [log10 px], the process noise of translation [m/s²] and rotation [rad/s²] that the filter
+    assumes (its logarithm, by half), expected landmarks [200], the prior of inverse depth [1/m], the tangent of half
+    the angle of view [2], how far the sensor reaches [10 m], and whether the filter knows the commands.
+
+    Of a batch of runs; ``duration``: time of an episode [s].
+    """
+    models, steps = runs.models, runs.episode["steps"]
+    total = models["task"]["steps"]
+    share = np.divide(steps, total, out=np.full(len(steps), np.nan), where=total > 0)  # NaN before the first reset
+    motion, lens = models["motion"], models["lens"]
+    out = np.empty((len(steps), CONTEXT_SIZE), np.float32)
+    out[:, :3] = motion["half"] / 10.0
+    columns = (
+        np.log10(duration) / 2.0,
+        np.log10(1.0 + duration * (1.0 - share)) / 2.0,
+        np.log10(lens["pixel_std"]),
+        np.log10(motion["filter_acceleration_std"]) / 2.0,
+        np.log10(motion["filter_angular_acceleration_std"]) / 2.0,
+        runs.expected.shape[1] / 200.0,
+        models["filter"]["initialisation"]["rho_mean"],
+        lens["u0"] / lens["focal"] / 2.0,
+        np.minimum(lens["maximum_distance"], _FARTHEST) / 10.0,
+        np.where(motion["command_known"], 1.0, 0.0),
+    )
+    for index, column in enumerate(columns, start=3):
+        out[:, index] = column
+    return np.clip(out, -1.0, 1.0)

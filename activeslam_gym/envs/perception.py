@@ -26,7 +26,7 @@ from activeslam_gym.kernels import row, uncompiled
 from activeslam_gym.motion import POSITION, QUATERNION
 from activeslam_gym.registry import array_of, asked, name_of, part_of
 from activeslam_gym.sensors.points import PointSensor
-from activeslam_gym.sensors.sensor import CORNERS, IMAGES, OWN_SENSORS, POINTS, Detections
+from activeslam_gym.sensors.sensor import CORNERS, IMAGES, OWN_SENSORS, POINTS, measured, noise_of
 from activeslam_gym.slam.detection import REJECTED
 from activeslam_gym.slam.ekf import ESTIMATORS
 from activeslam_gym.slam.estimate import COMPILED, Estimate, Measurements, put_estimate
@@ -166,7 +166,7 @@ class PythonPerception:
         self.sensor = asked(self._sensed, make_sensor, scenario, seed)
         if hasattr(self.sensor, "boxes"):
             self.sensor.boxes = boxes
-        self._noise = asked(f"noise of {self._sensed}", _noise_of, self.sensor)
+        self._noise = noise_of(self._sensed, self.sensor)
         make = part_of("scenario.estimator", scenario.estimator, ESTIMATORS)
         self._estimator = asked(self._name, make, scenario, fiducials, self.sensor)
         asked(f"reset() of {self._name}", lambda: self._estimator.reset(start.mean, start.covariance))
@@ -216,28 +216,12 @@ class PythonPerception:
         if self._simulated:
             measure_in(self.scene, run)
             return run.detections["pixel"][: int(run.episode.detection_count)].copy()
-        time, what = (int(run.world.state.frame) + 1) * self._dt, f"measure() of {self._sensed}"
-        truth = truth_of(run.world, self.scene or box_scene(run))
-        given = asked(what, lambda: Detections(*self.sensor.measure(truth, time)))
-        values = array_of(f"values of {what}", given.values, (None, len(self._noise)))
-        labels = array_of(f"labels of {what}", given.labels, (len(values),), int)
-        room, points = len(run.detections), len(truth.fiducials) + len(truth.landmarks)
-        if not np.isfinite(values).all() or len(values) > room or not ((-1 <= labels) & (labels < points)).all():
-            raise ValueError(
-                f"{what} must return at most {room} finite values, and labels in -1 … {points - 1}, "
-                f"got {values!r} and {labels!r}"
-            )
+        time, truth = (int(run.world.state.frame) + 1) * self._dt, truth_of(run.world, self.scene or box_scene(run))
+        values, labels = measured(self._sensed, self.sensor, truth, time, len(self._noise))
+        if len(values) > (room := len(run.detections)):
+            raise ValueError(f"measure() of {self._sensed} must return at most {room} values, got {len(values)}")
         run.episode.detection_count = len(values)
         run.detections["pixel"][: len(values)], run.label[: len(values)] = values[:, :2], labels
         run.detections["R"][: len(values)] = self._noise[:2, :2]
         uncompiled(identify)(run)
         return values
-
-
-def _noise_of(sensor: Any) -> np.ndarray:
-    """The noise (d, d) of a sensor, d of 2 or more; raises where it is no covariance."""
-    noise = array_of("it", sensor.noise, (None, None))
-    if not len(noise) >= 2 or not np.allclose(noise, noise.T, _ROUNDING) or not np.isfinite(noise).all():
-        raise ValueError(f"it must be finite, symmetric and of 2 rows or more, got {noise!r}")
-    np.linalg.cholesky(noise)
-    return noise

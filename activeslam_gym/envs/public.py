@@ -7,8 +7,9 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from activeslam_gym.envs.context import context_of
+from activeslam_gym.envs.actions import action_masks
 from activeslam_gym.envs.evaluation import Labels, features_of_landmarks, landmark_errors
+from activeslam_gym.envs.observation import context_of
 from activeslam_gym.envs.planning import frames_left, net_of_runs, predicted_belief, score_runs
 from activeslam_gym.envs.reset import box_scene
 from activeslam_gym.envs.run import Run
@@ -98,9 +99,21 @@ class Reads(Runs):
         """Time since the reset [s]."""
         return self._given(self._runs.episode["steps"] * self.gaze_period)
 
+    def action_masks(self) -> np.ndarray:
+        """(10,) bool, motions and then gazes (discrete: (21,)): false for a motion that the next step would ignore.
+
+        Sb3-contrib's `MaskablePPO` reads it.
+
+        Raises:
+            AttributeError: the actions are continuous.
+        """
+        episode = self._runs.episode
+        phases = episode["steps"] % self.steps_per_motion
+        return self._given(action_masks(self._encoding.space(), episode["control"]["command"], phases))
+
     @property
     def context(self) -> Any:
-        """What a policy for several scenarios needs beside the observation; `envs.context.CONTEXT_FEATURES`."""
+        """What a policy for several scenarios needs beside the observation; `CONTEXT_FEATURES`."""
         return self._given(context_of(self._runs, self.duration))
 
     def scores(self, plans: np.ndarray, criterion: str | Criterion = "mutual_information") -> np.ndarray:

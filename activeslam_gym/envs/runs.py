@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from activeslam_gym.config import MOST_HELD_FRAMES
+from activeslam_gym.envs.actions import PAIRS, Encoding
 from activeslam_gym.envs.evaluation import give_reward
 from activeslam_gym.envs.perception import is_compiled, perception_of, step_runs_in_python
 from activeslam_gym.envs.reset import reset_run
@@ -21,6 +22,8 @@ from activeslam_gym.threads import Workers
 
 class Runs:
     """B runs in arrays with a leading axis, the threads that share them, and the past that pictures show."""
+
+    _encoding: Encoding = PAIRS
 
     def __init__(self, setting: Setting, runs: Run, workers: Workers) -> None:
         task = setting.task

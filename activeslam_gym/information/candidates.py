@@ -148,7 +148,7 @@ def propagate_by(motion: Record, P: np.ndarray, turn: float, frames: int) -> Non
 
 
 @compiled
-def visible_points(camera: Record, belief: PredictedBelief, pose: np.ndarray) -> np.ndarray:
+def visible_points(lens: Record, belief: PredictedBelief, pose: np.ndarray) -> np.ndarray:
     """(M,) bool: which of the points the sensor can measure from ``pose`` (13,), if they are in its image.
 
     The leading points are features; where ``first_seen`` is NaN, and where it is empty, every side will do. The others
@@ -159,7 +159,7 @@ def visible_points(camera: Record, belief: PredictedBelief, pose: np.ndarray) ->
     seen = np.ones(points.shape[0], np.bool_)
     if limits.greatest_change == math.inf:
         return seen
-    room, z, view = limits.wanted, np.empty(2), view_of(camera, pose, belief.boxes)
+    room, z, view = limits.wanted, np.empty(2), view_of(lens, pose, belief.boxes)
     for fiducial in belief.fiducials:
         room -= visible(view, fiducial, 0.0, z)
     for i in range(points.shape[0]):
@@ -173,10 +173,10 @@ def visible_points(camera: Record, belief: PredictedBelief, pose: np.ndarray) ->
 
 
 @compiled
-def sight_after(camera: Record, belief: PredictedBelief, P: np.ndarray, pose: np.ndarray) -> Sight:
+def sight_after(lens: Record, belief: PredictedBelief, P: np.ndarray, pose: np.ndarray) -> Sight:
     """What is in view of ``pose`` (13,), with the covariance ``P``."""
-    seen = visible_points(camera, belief, pose)
-    return sight_of_points(camera, belief.boxes, pose, belief.fiducials, belief.points, seen, P)
+    seen = visible_points(lens, belief, pose)
+    return sight_of_points(lens, belief.boxes, pose, belief.fiducials, belief.points, seen, P)
 
 
 @compiled
@@ -191,7 +191,7 @@ def updated(P: np.ndarray, sight: Sight) -> np.ndarray:
 
 @compiled
 def score_plans(
-    camera: Record,
+    lens: Record,
     motion: Record,
     belief: PredictedBelief,
     time: float,
@@ -226,8 +226,8 @@ def score_plans(
                 propagate_by(motion, after[step], turn, action.frames)
             pose = goal_pose(motion, belief, poses[step], action.motion, turn, action.frames)
             copy_into(poses[step + 1], pose)
-            sight = sight_after(camera, belief, after[step], pose)
-            taught = criterion_of_number(criterion, after[step], sight, camera.pixel_std**2)
+            sight = sight_after(lens, belief, after[step], pose)
+            taught = criterion_of_number(criterion, after[step], sight, lens.pixel_std**2)
             gained[step + 1] = gained[step] + taught
             if step < L - 1:
                 copy_block(updated(after[step], sight), measured[step])
@@ -262,10 +262,10 @@ def stop_short(motion: Record, belief: PredictedBelief, before: np.ndarray, afte
 
 
 @compiled
-def unshown(camera: Record, belief: PredictedBelief) -> PredictedBelief:
+def unshown(lens: Record, belief: PredictedBelief) -> PredictedBelief:
     """The belief with NaN for the expected landmarks that the present image would show: nothing was found there."""
     now, boxes, points, z = belief.camera, belief.boxes, belief.points.copy(), np.empty(2)
-    view = view_of(camera, now, boxes)
+    view = view_of(lens, now, boxes)
     for k in range(points.shape[0] - belief.waiting, points.shape[0]):
         if visible(view, points[k], 0.0, z):
             points[k] = np.nan
@@ -273,9 +273,9 @@ def unshown(camera: Record, belief: PredictedBelief) -> PredictedBelief:
     return PredictedBelief(now, points, belief.covariance, belief.fiducials, boxes, *given)
 
 
-def without_present(camera: Record, belief: PredictedBelief) -> PredictedBelief:
+def without_present(lens: Record, belief: PredictedBelief) -> PredictedBelief:
     """The predicted belief without those landmarks."""
-    shown = np.isnan(unshown(camera, belief).points[:, 0]) & np.isfinite(belief.points[:, 0])
+    shown = np.isnan(unshown(lens, belief).points[:, 0]) & np.isfinite(belief.points[:, 0])
     kept = np.flatnonzero(~shown)
     P, waiting = gathered(belief.covariance, kept[:0], kept), belief.waiting - len(belief.points) + len(kept)
     return belief._replace(points=belief.points[kept], covariance=P, waiting=waiting)

@@ -65,7 +65,7 @@ class Course(NamedTuple):
 
 @compiled
 def net_of_plans(
-    camera: Record,
+    lens: Record,
     motion: Record,
     belief: PredictedBelief,
     time: float,
@@ -80,7 +80,7 @@ def net_of_plans(
     measurements that the sensor foresees there are taken, once for each frame of the action: R over their number.
     ``net`` is NaN where the covariance is not positive definite.
     """
-    rest, most = unshown(camera, belief), 3 * plans.shape[1] + 3
+    rest, most = unshown(lens, belief), 3 * plans.shape[1] + 3
     M = rest.points.shape[0]
     size = CAMERA_DIM + 3 * (M - rest.waiting)
     U, inverse = rest.covariance[:size, :size].copy(), diagonal(np.ones(size))
@@ -112,7 +112,7 @@ def net_of_plans(
                 copy_block(product(noise.forth[k], product(noise.forth[k], C).T), C)
                 position_std[a] = max(position_std[a], math.sqrt(C[0, 0] + C[1, 1] + C[2, 2]))
             pose = goal_pose(motion, rest, pose, action.motion, turn, taken)
-            n, added = _measure(camera, rest, Course(pose, start, J, max(taken, 1)), n, Y, points[0])
+            n, added = _measure(lens, rest, Course(pose, start, J, max(taken, 1)), n, Y, points[0])
             _update(C, J)
             prior, elapsed = prior + added, elapsed + taken
         net[a] = 0.5 * (log2_det(Y[:n, :n]) - begin - prior)
@@ -195,7 +195,7 @@ def _downdate(G: np.ndarray, k: int, Y: np.ndarray, n: int) -> np.ndarray:
 
 @compiled
 def _measure(
-    camera: Record, belief: PredictedBelief, course: Course, n: int, Y: np.ndarray, point: Record
+    lens: Record, belief: PredictedBelief, course: Course, n: int, Y: np.ndarray, point: Record
 ) -> tuple[int, float]:
     """Y += H^T R^-1 H of each fiducial and point that is measured; fiducials and mapped points add to J too.
 
@@ -203,8 +203,8 @@ def _measure(
     all along. Returns the new size of the state, and log2 |Y| of the priors of those that entered.
     """
     (pose, start, J, images), fiducials, points = course, belief.fiducials, belief.points
-    seen, P = visible_points(camera, belief, pose), belief.covariance
-    view, weight, prior = view_of(camera, pose, belief.boxes), images / camera.pixel_std**2, 0.0
+    seen, P = visible_points(lens, belief, pose), belief.covariance
+    view, weight, prior = view_of(lens, pose, belief.boxes), images / lens.pixel_std**2, 0.0
     z, H_x, H_y = point.z_hat, point.H_camera, point.H_feature
     J[:] = 0.0
     for fiducial in fiducials:

@@ -7,11 +7,12 @@ find in the same room, without an image. Another sensor is a class with the meth
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from activeslam_gym.config import Scenario
+from activeslam_gym.registry import array_of, asked
 from activeslam_gym.world.truth import Truth
 
 POINTS, IMAGES, CORNERS = "points", "images", "corners"
@@ -55,3 +56,25 @@ class Sensor(Protocol):
 
 OWN_SENSORS: Mapping[str, None] = MappingProxyType(dict.fromkeys((POINTS, IMAGES, CORNERS)))
 """Names of the package's own sensors, which the environment itself makes."""
+
+
+def noise_of(what: str, sensor: Any) -> np.ndarray:
+    """The noise (d, d) of a sensor; a ValueError that begins with ``what`` where it is no covariance, or d is 1."""
+    what = f"noise of {what}"
+    noise = array_of(what, asked(what, lambda: sensor.noise), (None, None))
+    square = len(noise) >= 2 and noise.shape == noise.T.shape and np.isfinite(noise).all()
+    if not square or not np.allclose(noise, noise.T, 1e-5) or not np.linalg.eigvalsh(noise).min() > 0.0:
+        raise ValueError(f"{what} must be a covariance of 2 rows or more, got {noise!r}")
+    return noise
+
+
+def measured(what: str, sensor: Any, truth: Truth, time: float, d: int) -> Detections:
+    """What a sensor measures: finite values (M, d), and labels; a ValueError that begins with ``what`` is all else."""
+    what, points = f"measure() of {what}", len(truth.fiducials) + len(truth.landmarks)
+    given = asked(what, lambda: Detections(*sensor.measure(truth, time)))
+    values = array_of(f"values of {what}", given.values, (None, d))
+    labels = array_of(f"labels of {what}", given.labels, (len(values),), int)
+    if not np.isfinite(values).all() or not ((-1 <= labels) & (labels < points)).all():
+        allowed = f"finite values, and labels in -1 … {points - 1}"
+        raise ValueError(f"{what} must return {allowed}, got {values!r} and {labels!r}")
+    return Detections(values, labels)

@@ -28,7 +28,7 @@ from activeslam_gym.slam.belief import (
 from activeslam_gym.slam.depth_particles import particles_of
 from activeslam_gym.slam.detection import DETECTION, UNASSOCIATED
 from activeslam_gym.slam.estimate import Estimate, EstimateArrays, empty_estimates, taken_estimate
-from activeslam_gym.slam.kalman import predict, update, update_contact
+from activeslam_gym.slam.kalman import predict, update
 from activeslam_gym.slam.map import (
     add_landmark,
     convert_and_delete,
@@ -151,10 +151,6 @@ class Filter:
             raise ValueError(f"std must be zero or a positive number, got {std!r}")
         draw_bias(self.belief, K, k, std * std)
         self._sight = None
-
-    def update_contact(self, u: np.ndarray, dt: float) -> None:
-        """The camera has touched something, before that frame's `predict`: see `kalman.update_contact`."""
-        update_contact(self.belief, u, dt)
 
     def update(self, detections: Any, labelled: bool = False, *, jointly: bool = False, least: int = 1) -> np.ndarray:
         """Associate and update; (M,) the id that each detection was matched to, or NEW (0) or REJECTED.

@@ -15,11 +15,11 @@ from activeslam_gym.vision.drawing import as_first_seen
 from activeslam_gym.vision.frontend import FrontEnd, FrontEndSettings
 from activeslam_gym.vision.room.camera import RoomCamera, introduce_target
 from activeslam_gym.vision.target import Board, target_from
-from activeslam_gym.vision.track import Track, follow, start
+from activeslam_gym.vision.track import Track, follow
 from activeslam_gym.vision.views import projected, speeds
 
 from .test_vision_starts import CHARUCO, board_on_the_plane
-from .vision_scene import CAMERA, LENS, TARGET, image_from, path, pose_at, target_fields
+from .vision_scene import CAMERA, LENS, TARGET, begun, image_from, path, pose_at, target_fields
 
 NEARER = [pose_at((0.03 * np.sin(0.2 * k), 0.0, 0.8 - 0.009 * k)) for k in range(60)]
 """From 80 to 27 cm."""
@@ -68,7 +68,7 @@ def test_a_target_looks_as_it_is_drawn_from_elsewhere(target) -> None:
 def under_way() -> FrontEnd:
     """After 20 images without a target."""
     poses = path(20, 0.4)
-    end = start(image_from(poses[0], samples=2), LENS, None, 30.0)
+    end = begun(image_from(poses[0], samples=2))
     for k, pose in enumerate(poses[1:], 1):
         end.step(image_from(pose, samples=2), k / 30.0)
     return end

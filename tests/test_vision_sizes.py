@@ -9,10 +9,10 @@ cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
 from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.settings import scale_of
-from activeslam_gym.vision.track import follow, start
+from activeslam_gym.vision.track import follow
 from activeslam_gym.vision.views import reduced
 
-from .vision_scene import LENS, image_from, path
+from .vision_scene import LENS, begun, image_from, path
 
 IMAGES = [image_from(pose, samples=2) for pose in path(12)]
 
@@ -58,7 +58,7 @@ def test_larger_images_of_the_same_scene_are_tracked_alike() -> None:
 def test_the_searches_are_told_in_the_pixels_of_the_image() -> None:
     told = []
     for n in (1, 2):
-        front_end = start(IMAGES[0].repeat(n, axis=0).repeat(n, axis=1), enlarged(LENS, n), None, 30.0)
+        front_end = begun(IMAGES[0].repeat(n, axis=0).repeat(n, axis=1), enlarged(LENS, n))
         front_end.step(IMAGES[1].repeat(n, axis=0).repeat(n, axis=1), 1 / 30)
         told.append(front_end.searched)
     small, double = told

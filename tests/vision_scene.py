@@ -7,8 +7,11 @@ import numpy as np
 
 from activeslam_gym.camera import camera_of
 from activeslam_gym.geometry import quaternion_exp, quaternion_product, rotation_matrix
+from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.calibration import Calibration
+from activeslam_gym.vision.frontend import FrontEnd
 from activeslam_gym.vision.target import CORNERS, FACING, Rectangle
+from activeslam_gym.vision.track import HAND_HELD, UNSCALED
 from activeslam_gym.vision.views import projected
 
 LENS = Calibration(320, 240, 195.0, 162.0, 125.0, 1.8e-5)
@@ -70,3 +73,11 @@ def target_fields(pose: np.ndarray) -> dict[str, object]:
     corners = np.rint(projected(CAMERA, pose, TARGET.fiducials)).tolist()
     size = {"width": TARGET.width, "height": TARGET.height}
     return {"kind": "rectangle", **size, "corners_px": dict(zip(CORNERS, corners))}
+
+
+def begun(image: np.ndarray, lens: Calibration = LENS) -> FrontEnd:
+    """A front end without a target that has seen the first ``image``."""
+    scenario = lens.scenario(**{**HAND_HELD, **UNSCALED})
+    out = FrontEnd(Filter(scenario, camera=np.concatenate((np.zeros(3), FACING, np.zeros(6)))))
+    out.start(image, 0.0, np.zeros(0, np.int64), np.zeros((0, 2)))
+    return out

@@ -16,6 +16,7 @@ from scipy.ndimage import gaussian_filter
 from activeslam_gym.files import demand_writable, written_whole
 from activeslam_gym.live.advice import Adviser, ExpectedMap
 from activeslam_gym.live.source import GuidanceError, RealCamera
+from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.board import BOARD, BoardCalibration, sheet
 from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.frontend import FrontEnd
@@ -23,7 +24,6 @@ from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.other_lenses import Straighten, lens_from
 from activeslam_gym.vision.sources import Frame
 from activeslam_gym.vision.target import read_target
-from activeslam_gym.vision.track import start
 
 BROWSER = "browser"
 """The name of this source."""
@@ -72,7 +72,8 @@ class Device(RealCamera):
         """Compile what two seconds of tracking need: with a minute between the first two images the camera is lost."""
         texture = gaussian_filter(np.random.default_rng(0).normal(128.0, 400.0, self._calibration[1::-1]), 3.0)
         image = np.clip(texture, 0.0, 255.0).astype(np.uint8)
-        front_end = start(image, self._calibration, None, self._rate, scenario_fields=self._fields)
+        front_end = FrontEnd(Filter(self.scenario))
+        front_end.start(image, 0.0, np.zeros(0, np.int64), np.zeros((0, 2)))
         adviser = Adviser(self.scenario, ExpectedMap(self.scenario, front_end, np.random.SeedSequence(0)))
         for k in range(1, round(2.0 * self._rate) + 1):
             front_end.step(image, k / self._rate)

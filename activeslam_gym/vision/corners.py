@@ -45,16 +45,10 @@ def _take(strength: np.ndarray, crowd: np.ndarray, pixels: np.ndarray, radius: f
     (h, w), (rows, columns) = strength.shape, crowd.shape
     for k in range(pixels.shape[0]):
         x, y = pixels[k, 0], pixels[k, 1]
-        _clear(strength, x, y, radius)
+        top, left = max(int(y - radius), 0), max(int(x - radius), 0)
+        strength[top : max(int(y + radius) + 1, 0), left : max(int(x + radius) + 1, 0)] = 0.0
         if 0 <= x < w and 0 <= y < h:
             crowd[int(y * rows / h), int(x * columns / w)] += 1
-
-
-@compiled
-def _clear(strength: np.ndarray, x: float, y: float, radius: float) -> None:
-    """Leave no corner near the pixel (x, y)."""
-    top, left = max(int(y - radius), 0), max(int(x - radius), 0)
-    strength[top : max(int(y + radius) + 1, 0), left : max(int(x + radius) + 1, 0)] = 0.0
 
 
 def _strongest_in_thinnest(strength: np.ndarray, crowd: np.ndarray) -> tuple[int, int] | None:

@@ -94,7 +94,8 @@ class FrontEnd:
         self._frame, self._time = 0, 0.0
         self.candidates = np.zeros(0, DETECTION)
         """(M,) those of the last image with the filter's answer, in its pixels; new features at the end."""
-        self._searched = NOTHING
+        self.searched = NOTHING
+        """The searches of the last image, in its pixels; none before the second image."""
         self._last_view: np.ndarray | None = None  # pose (7,) from which the map was seen last
         self._blind = 0  # images in a row without the map
         self._scale = 1.0  # pixels of an image, along a side, to one of the filter's
@@ -143,12 +144,6 @@ class FrontEnd:
 
     # A frame ----------------------------------------------------------------------------------------------------------
 
-    @property
-    def searched(self) -> Searched:
-        """The searches of the last image, in its pixels; none before the second image."""
-        own, n = self._searched, self._scale
-        return own if n == 1 else own._replace(pixel=n * (own.pixel + 0.5) - 0.5, covariance=n**2 * own.covariance)
-
     def first_seen(self, ids: np.ndarray) -> np.ndarray:
         """(n, 3) where the camera was when each of the features ``ids`` (n,) was initialised [m]; NaN if unknown."""
         places = self._template_map.places(ids)
@@ -179,7 +174,7 @@ class FrontEnd:
         self.filter.predict(u, dt, self.settings.drift / self._focal)
         before = self._relocalise(image, grey) if self._blind >= self.settings.lost_after else None
         self._search(grey)
-        outcome = self._searched.outcome
+        outcome = self.searched.outcome
         searched, found, matched = len(outcome), int((outcome != MISSED).sum()), int((outcome == MATCHED).sum())
         if before is not None and not self._suffices(matched):
             self.filter.attach(before)  # the map is not there
@@ -255,8 +250,9 @@ class FrontEnd:
         self._template_map.fit_planes(view, grey, places[row], points[row], findings.pixel[row, peak])
         believed = np.any(ids[:, None] == matched, axis=1)
         outcome = np.where(believed, MATCHED, np.where(findings.state == FOUND, DOUBTED, MISSED))
-        inside = point["visibility"] == INSIDE
-        self._searched = Searched(*(column[tried] for column in (ids, z_hat, S, outcome, inside)))
+        n = self._scale
+        columns = ids, n * (z_hat + 0.5) - 0.5, n**2 * S, outcome, point["visibility"] == INSIDE
+        self.searched = Searched(*(column[tried] for column in columns))
 
     def _points(self, rows: np.ndarray) -> np.ndarray:
         """World points (v, 3) of the fiducials and features at ``rows`` (v,) of a sight."""
@@ -286,7 +282,7 @@ class FrontEnd:
 
     def _learn(self, image: np.ndarray, grey: np.ndarray) -> tuple[int, int]:
         """Initialise new features and delete those that fail: how many."""
-        sight, searched = self.filter.sight(), self._searched
+        sight, searched = self.filter.sight(), self.searched
         points = self._points(sight.point["row"])
         self._template_map.judge(searched.id, searched.outcome == MATCHED, searched.inside, self._frame)
         self._template_map.remember_residuals(self.candidates, sight)

@@ -15,7 +15,6 @@ from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
 from threading import current_thread, main_thread
-from time import thread_time
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -65,7 +64,6 @@ DRIFTED = (
 Item = TypeVar("Item")
 _CORNER_STD = 0.35  # of the target's corners in the first image: aliasing and the lens [px]
 _SPEED_STD, _TURN_STD = 0.05, 0.05  # of the first velocity [m/s] and angular velocity [rad/s]: a hand at rest
-_ORIGIN_STD = 1e-4  # of the first pose where it is the world's origin [m, rad]
 _SURELY = 3.0  # deviations of its position by which a camera has moved for sure
 _BEHIND = np.array((0.0, 0.0, -1.0))  # the target's normal, away from the camera
 
@@ -94,8 +92,13 @@ class Track(NamedTuple):
             return ""
         if any(log.start_certain for log in self.logs):
             return DRIFTED
+        return f"{UNCERTAIN}: {AT_REST if self.at_rest else SEVERAL}"
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the camera has not moved for sure."""
         way, variance = np.ptp(self.cameras[:, :3], axis=0), np.trace(self.covariances[-1, :3, :3])
-        return f"{UNCERTAIN}: {AT_REST if way @ way < _SURELY**2 * variance else SEVERAL}"
+        return bool(way @ way < _SURELY**2 * variance)
 
     @property
     def metric(self) -> bool:
@@ -106,13 +109,13 @@ class Track(NamedTuple):
 def start(
     image: np.ndarray,
     calibration: Calibration,
-    target: Target | None,
+    target: Target,
     rate: float,
     settings: FrontEndSettings | None = None,
     scenario_fields: dict[str, Any] | None = None,
     features: int = FEATURES,
 ) -> FrontEnd:
-    """A front end that stands before ``target`` and has seen the first ``image``; None: anywhere, and scale is free.
+    """A front end that stands before ``target`` and has seen the first ``image``.
 
     The map has room for so many ``features``.
 
@@ -121,40 +124,31 @@ def start(
             is out of range.
     """
     calibration.check_image(image)
-    _check(features)
-    scenario = _scenario(calibration, target is not None, rate, features, scenario_fields)
-    whole, fiducials = camera_of(Scenario(**calibration._asdict())), np.zeros((0, 3))
-    pose, covariance = np.concatenate((np.zeros(3), FACING)), _ORIGIN_STD**2 * np.eye(6)
-    if target is not None:
-        try:
-            points, corners = seen_corners(image, whole, target)
-        except ValueError as error:
-            raise ValueError(f"{error}{(spot := blemish(image)) and f'; the image {spot}'}") from None
-        pose, covariance = start_pose(whole, points, corners, _CORNER_STD)
-        demand_agreement(whole, pose, points, corners)
-        fiducials = fiducials_among(points)
+    scenario = _scenario(calibration, True, rate, features, scenario_fields)
+    whole = camera_of(Scenario(**calibration._asdict()))
+    try:
+        points, corners = seen_corners(image, whole, target)
+    except ValueError as error:
+        raise ValueError(f"{error}{(spot := blemish(image)) and f'; the image {spot}'}") from None
+    pose, covariance = start_pose(whole, points, corners, _CORNER_STD)
+    demand_agreement(whole, pose, points, corners)
+    fiducials = fiducials_among(points)
     mean, P = np.concatenate((pose, np.zeros(6))), np.diag(np.repeat((1.0, _SPEED_STD**2, _TURN_STD**2), (6, 3, 3)))
     P[:6, :6] = covariance
-    filter = Filter(scenario, fiducials=fiducials, camera=mean, covariance=P)
-    front_end = FrontEnd(filter, settings)
-    picture, pixels = reduced(image, calibration.scale), fiducials[:, :2]
-    if target is not None:
-        picture, pixels = drawn(picture, filter.camera, target, pose, fiducials)
+    front_end = FrontEnd(Filter(scenario, fiducials=fiducials, camera=mean, covariance=P), settings)
+    camera = front_end.camera
+    picture, pixels = drawn(reduced(image, calibration.scale), camera, target, pose, fiducials)
     front_end.start(image, 0.0, -1 - np.arange(len(pixels)), pixels, picture, _BEHIND)
-    if target is not None:
-        front_end.show(partial(as_first_seen, filter.camera, target, pose, fiducials), _BEHIND, pose)
+    front_end.show(partial(as_first_seen, camera, target, pose, fiducials), _BEHIND, pose)
     return front_end
-
-
-def _check(features: int) -> None:
-    if not (isinstance(features, int) and FEWEST <= features <= MOST):
-        raise ValueError(f"features must be a whole number from {FEWEST} to {MOST}, got {features!r}")
 
 
 def _scenario(
     calibration: Calibration, metric: bool, rate: float, features: int, fields: dict[str, Any] | None = None
 ) -> Scenario:
     """That of a camera in the hand, with room for so many ``features``; ``fields`` are others of it."""
+    if not (isinstance(features, int) and FEWEST <= features <= MOST):
+        raise ValueError(f"features must be a whole number from {FEWEST} to {MOST}, got {features!r}")
     size = {"landmark_count": features - SPARE_FEATURES}
     fields = {**HAND_HELD, **size, **({} if metric else UNSCALED), **(fields or {})}
     return calibration.scenario(frame_time=1.0 / rate, **fields)
@@ -181,7 +175,6 @@ def follow(
     """
     source = _of_size(images, calibration)
     if target is None:
-        _check(features)
         scenario = _scenario(calibration, False, rate, features)
         stds = HAND_HELD["filter_acceleration_std"], HAND_HELD["filter_angular_acceleration_std"]
         home = np.concatenate((np.zeros(3), FACING, np.zeros(6)))
@@ -249,13 +242,6 @@ def track(args: Namespace) -> tuple[Track, str]:
         demand_writable(folder)
         folder.mkdir(parents=True, exist_ok=True)
     files, film, tracked = None, None, 0
-    spent = dict[float, float]()  # on the mapping to the lens [ms], by time
-
-    def mapped(frame: Frame) -> Frame:
-        began = thread_time()
-        frame = straighten(frame)
-        spent[frame[0]] = 1e3 * (thread_time() - began)
-        return frame
 
     def keep(front_end: FrontEnd, frame: Frame, log: FrameLog | None) -> None:
         nonlocal files, film, tracked
@@ -263,8 +249,7 @@ def track(args: Namespace) -> tuple[Track, str]:
             film = at_close.enter_context(film_to(folder / "film.mp4", source.rate)) if args.film else None
             opened = TrackFiles(folder, known is not None, args.keep_lost, args.belief is not None)
             files = at_close.enter_context(closing(opened))
-        filter, own = front_end.filter, spent.pop(frame[0], 0.0)
-        dated = log and log._replace(time=source.origin + log.time, milliseconds=log.milliseconds + own)
+        filter, dated = front_end.filter, log and log._replace(time=source.origin + log.time)
         files.add(source.origin + frame[0], filter.mean, dated, filter.camera_covariance[:6, :6])
         if log is not None and log.lost:
             diagnosis.add(frame[1], log, filter.estimate().mapped, tracked)
@@ -273,7 +258,7 @@ def track(args: Namespace) -> tuple[Track, str]:
             film(moment_of(front_end, frame[1]))
 
     with ExitStack() as at_close:
-        frames = _with_progress(map(mapped, source.frames), source.total)
+        frames = _with_progress(map(straighten, source.frames), source.total)
         whole = at_close.enter_context(closing(interruptible(frames)))
         done = follow(whole, lens, known, source.rate, watch=keep, features=args.features)
         if files is not None:
@@ -334,6 +319,5 @@ def summary(done: Track) -> str:
         line += f"; found again {again} times"
     if done.metric:
         return line
-    way, variance = np.ptp(done.cameras[:, :3], axis=0), np.trace(done.covariances[-1, :3, :3])
-    turned = [TURNED] if way @ way < _SURELY**2 * variance else []
+    turned = [TURNED] if done.at_rest else []
     return "; ".join([line, FREE, *turned, *filter(None, [done.doubt])])

@@ -49,13 +49,13 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     The enums `Motion` and `Gaze` have these names; the scenario's `step_length` and `turn_rate` can change the sizes.
     One step is one `gaze_period`. Gaze acts at once; the motion is read on the first step of each `motion_period`, from
     the estimated pose, and held until the period is over, while later motions are ignored. Its goal is clipped to lie
-    0.4 m inside the walls; where there are boxes or another scene, it ends 0.3 m before the camera would touch a
-    body on its way, which is sensed. `ActiveSLAMDiscrete-v0` and `ActiveSLAMContinuous-v0` take other actions, see
-    `ActiveSLAMDiscreteEnv` and `ActiveSLAMContinuousEnv`.
+    0.4 m inside the walls; where there are boxes or another scene, it ends 0.3 m before a body on its way.
+    `ActiveSLAMDiscrete-v0` and `ActiveSLAMContinuous-v0` take other actions, see `ActiveSLAMDiscreteEnv` and
+    `ActiveSLAMContinuousEnv`.
 
     ## Observation space
 
-    A flat float32 `Box` in [-1, 1], read from the state estimate. First the global features:
+    A flat float32 `Box`, read from the state estimate and clipped to [-1, 1]. First the global features:
 
     | Feature | Size | What it is | Is 1 at |
     |---|---|---|---|
@@ -67,34 +67,35 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `time` | 1 | time since the reset | `duration` |
     | `phase` | 1 | steps since the motion period began | `motion_period` |
     | `motion` | 7 | the motion under way, one-hot; STAY after a reset | |
-    | `uncertainty` | 4 | log10 of the RMS deviation of position [m], rotation [rad] and their rates, over 3 | 10³ |
+    | `uncertainty` | 4 | log10(RMS deviation) / 3, of position [m], rotation [rad] and their rates | 10³ |
     | `mapped` | 1 | mapped features over N | N |
-    | `counting` | 1 | features that count in the entropy over N | N |
+    | `counting` | 1 | features that took the place of an expected landmark, over N | N |
     | `features` | 1 | features in the filter over its slots | N + 13 |
     | `gain` | 1 | entropy removed since the reset, over the belief's dimensions 12 + 3 N | 10 bit per dimension |
 
-    Where a scenario has boxes or another scene, range finders follow, which read the truth:
+    Where a scenario has boxes or another scene, range finders follow, which measure in the true room:
 
     | Feature | Size | What it is | Is 1 at |
     |---|---|---|---|
     | `clearance` | 7 | how far the camera can go by each motion before it touches something; STAY: the least | 3 m |
 
-    Then K + N + 13 tokens of equal width: the fiducials, then the filter's feature slots. A feature keeps its slot for
-    life; expected landmarks that no feature has retired take free slots; a token that stands for nothing is zero.
+    Then K + N + 13 tokens of equal width: the fiducials, then the filter's feature slots, of which 13 are spare. A
+    feature keeps its slot for life. An expected landmark is *retired* by the feature that takes its place; the others
+    take free slots. A token that stands for nothing is zero.
 
     | Feature | Size | What it is | Is 1 at |
     |---|---|---|---|
     | `direction` | 3 | from the camera to the point, camera axes | unit vector |
-    | `log_distance` | 1 | log10 of the distance [m], over 1.5 | 32 m |
-    | `log_uncertainty` | 1 | log10 of the deviation [m], geometric mean of three axes, over 3 | 10³ m |
-    | `log_depth_uncertainty` | 1 | log10 of the deviation along the line of sight over the distance, over 3 | 10³ |
+    | `log_distance` | 1 | log10(distance [m]) / 1.5 | 32 m |
+    | `log_uncertainty` | 1 | log10(deviation [m]) / 3, geometric mean of three axes | 10³ m |
+    | `log_depth_uncertainty` | 1 | log10(deviation along the line of sight / distance) / 3 | 10³ |
     | `in_view` | 1 | 1 if its predicted pixel lies in the image | |
     | `fiducial` | 1 | 1 for a point of known position (its uncertainties are -1) | |
     | `expected` | 1 | 1 for a landmark that is expected and not found yet | |
     | `initialising` | 1 | 1 for a feature whose depth is not known well enough to be mapped | |
     | `mapped` | 1 | 1 for a mapped feature: deviation of its depth over its depth under 0.3 | |
 
-    Deviations are told from 1 mm, 1 mrad up. `observation_layout(env)` gives these names and where each stands; the
+    Deviations under 1 mm or 1 mrad count as that. `observation_layout(env)` gives these names and where each stands; the
     size, 32 + 11 (K + N + 13), and 7 more where there are range finders, depends on the scenario alone.
 
     ## Reward
@@ -102,8 +103,8 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     The gain of a potential during the step, by default (`reward="entropy"`) minus the entropy of the estimate [bit], so
     that an episode's rewards sum to the entropy reduction. The entropy is that of camera and N landmarks at a constant
     dimension: an expected landmark that no feature has retired holds its prior. `envs.reward` lists the potentials.
-    Whatever the reward, the step in which an episode is lost makes the return min(return, 0) - 100, once, so that
-    none gains by ending badly.
+    Whatever the reward, a loss takes all that was gained and 100 bits more: in that step the return becomes
+    min(return, 0) - 100, once, so that no loss pays.
 
     ## Start
 

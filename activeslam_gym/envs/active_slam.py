@@ -95,8 +95,8 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `initialising` | 1 | 1 for a feature whose depth is not known well enough to be mapped | |
     | `mapped` | 1 | 1 for a mapped feature: deviation of its depth over its depth under 0.3 | |
 
-    Deviations under 1 mm or 1 mrad count as that. `observation_layout(env)` gives these names and where each stands; the
-    size, 32 + 11 (K + N + 13), and 7 more where there are range finders, depends on the scenario alone.
+    Deviations under 1 mm or 1 mrad count as that. `observation_layout(env)` gives these names and where each stands.
+    The size, 32 + 11 (K + N + 13), and 7 more where there are range finders, depends on the scenario alone.
 
     ## Reward
 

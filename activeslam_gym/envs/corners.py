@@ -13,6 +13,7 @@ import numpy as np
 
 from activeslam_gym.camera import change_of_view, distance_between, view_of, visible
 from activeslam_gym.envs.images import judge_by_scene
+from activeslam_gym.envs.perception import Perception
 from activeslam_gym.envs.run import Run, write_whole_estimate
 from activeslam_gym.envs.setting import Setting
 from activeslam_gym.kernels import Record, compiled, filled, record
@@ -33,7 +34,6 @@ from activeslam_gym.vision.settings import ENOUGH, SIGHTED
 from activeslam_gym.vision.templates import TEMPLATE_HALF, TEMPLATE_SIDE
 from activeslam_gym.vision.views import is_outdated, speeds
 from activeslam_gym.world.noise import normal_pair, uniforms
-from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.simulator import boxes_of, faces
 
 FEATURE_STD, FIDUCIAL_STD = 0.04, 0.04
@@ -83,13 +83,11 @@ class Corners(NamedTuple):
     noise_key: np.ndarray  # (1,) uint64 the stream of the noise, of which frame k uses its own part
 
 
-class CornerPerception:
+class CornerPerception(Perception):
     """The corners of one run's room, and what the front end remembers of the features.
 
     ``start`` (7,): the pose at which the belief expects the camera first.
     """
-
-    scene: Scene | None = None
 
     def __init__(self, setting: Setting, run: Run, start: np.ndarray, seed: np.random.SeedSequence) -> None:
         room, noise = seed.spawn(2)
@@ -106,10 +104,6 @@ class CornerPerception:
         self.corners = Corners(points[order], normals[order], reach[order], drawn, memory, spare, key)
         gate = setting.models.filter.appearance.search_gate
         self._rules = filled(RULES, SIGHTED.seen_through(float(setting.models.lens.focal)), gate=gate, enough=ENOUGH)
-
-    def begin(self, run: Run) -> None:
-        """Write the prior."""
-        write_whole_estimate(run)
 
     def frame(self, run: Run, u: np.ndarray, contact: bool) -> None:
         """Search the features in view, under the known accelerations ``u`` (6,), and initialise others."""

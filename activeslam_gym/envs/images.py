@@ -3,6 +3,7 @@
 import numpy as np
 
 from activeslam_gym.camera import camera_point, pixel_from_camera_point
+from activeslam_gym.envs.perception import Perception
 from activeslam_gym.envs.run import NO_OWNER, UNKNOWN, Run, write_whole_estimate
 from activeslam_gym.envs.setting import Setting
 from activeslam_gym.envs.step import end_frame
@@ -18,7 +19,6 @@ from activeslam_gym.slam.kalman import update_contact
 from activeslam_gym.vision.frontend import FrontEnd
 from activeslam_gym.vision.room.camera import FollowedPoints, RoomCamera, introduce_target
 from activeslam_gym.vision.settings import SIGHTED
-from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.simulator import CLUTTER_LABEL
 
 WRONG_PX = 4.0
@@ -27,13 +27,11 @@ _COUNTED = ("initialised", "deletions", "rejected_matches", "conversions")
 """Events of the front end and the filter."""
 
 
-class ImagePerception:
+class ImagePerception(Perception):
     """The camera of one run, and the front end that feeds the run's belief with what it finds in the images.
 
     ``start`` (7,): the pose at which the belief expects the camera first.
     """
-
-    scene: Scene | None = None
 
     def __init__(self, setting: Setting, run: Run, start: np.ndarray, seed: np.random.SeedSequence) -> None:
         self._camera = RoomCamera(setting.scenario, setting.models.true_lens, seed, start=start)
@@ -46,10 +44,6 @@ class ImagePerception:
         self._spare = run.world.landmarks.copy()
         self._followed = FollowedPoints(self._camera)
         self.image = self._camera.photograph(run.world.state.camera, 0)
-
-    def begin(self, run: Run) -> None:
-        """Write the prior."""
-        write_whole_estimate(run)
 
     def frame(self, run: Run, u: np.ndarray, contact: bool) -> None:
         """Photograph the room, and let the front end search it, under the known accelerations ``u`` (6,)."""

@@ -3,13 +3,12 @@
 A `Perception` is the sensor and the estimator of a run; the rest are the functions of which the kernel is made.
 """
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from activeslam_gym.envs.reset import Start, box_scene
 from activeslam_gym.envs.run import Run, known_boxes, write_whole_estimate
-from activeslam_gym.envs.setting import Setting
 from activeslam_gym.envs.step import (
     BEGIN,
     REST,
@@ -26,10 +25,10 @@ from activeslam_gym.kernels import row, uncompiled
 from activeslam_gym.motion import POSITION, QUATERNION
 from activeslam_gym.registry import array_of, asked, name_of, part_of
 from activeslam_gym.sensors.points import PointSensor
-from activeslam_gym.sensors.sensor import CORNERS, IMAGES, OWN_SENSORS, POINTS, measured, noise_of
+from activeslam_gym.sensors.sensor import OWN_SENSORS, POINTS, measured, noise_of
 from activeslam_gym.slam.detection import REJECTED
 from activeslam_gym.slam.ekf import ESTIMATORS
-from activeslam_gym.slam.estimate import COMPILED, Estimate, Measurements, put_estimate
+from activeslam_gym.slam.estimate import Estimate, Measurements, put_estimate
 from activeslam_gym.world.bodies import drop_hidden, narrow_clearance, push_out, reach_of_command
 from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.truth import truth_of
@@ -37,39 +36,19 @@ from activeslam_gym.world.truth import truth_of
 _ROUNDING = 1e-5  # of what estimators and sensors answer, which may be in single precision
 
 
-class Perception(Protocol):
+class Perception:
     """The scene, the sensor and the estimator of one run."""
 
-    scene: Scene | None
+    scene: Scene | None = None
     """The foreign scene; None: the boxes of the world's arrays."""
 
     def begin(self, run: Run) -> None:
         """After a reset: write the prior into the estimate."""
+        write_whole_estimate(run)
 
     def frame(self, run: Run, u: np.ndarray, contact: bool) -> None:
         """After the camera has moved under the known accelerations ``u`` (6,): measure, estimate and judge."""
-
-
-def perception_of(setting: Setting, run: Run, start: Start, key: int) -> Perception:
-    """The perception of a run that has just been reset from ``key`` to that ``start``."""
-    seed = np.random.SeedSequence(key).spawn(5)[-1]  # the redraws use it, and not its children
-    if setting.scenario.sensor == IMAGES:
-        from activeslam_gym.envs.images import ImagePerception
-
-        return ImagePerception(setting, run, start.mean[:7], seed)
-    if setting.scenario.sensor == CORNERS:
-        from activeslam_gym.envs.corners import CornerPerception
-
-        return CornerPerception(setting, run, start.mean[:7], seed)
-    if setting.scenario.sensor == POINTS and setting.scenario.estimator in COMPILED:
-        return PointPerception(start.scene)
-    return PythonPerception(run, start, seed)
-
-
-def is_compiled(setting: Setting) -> bool:
-    """Whether whole steps run in one kernel."""
-    scenario = setting.scenario
-    return scenario.sensor == POINTS and scenario.estimator in COMPILED and not scenario.has_foreign_scene
+        raise NotImplementedError
 
 
 def step_runs_in_python(
@@ -136,15 +115,11 @@ def sense_clearance_in(scene: Scene | None, run: Run) -> None:
         narrow_clearance(scene, run.models.motion, run.world, run.episode.clearance)
 
 
-class PointPerception:
+class PointPerception(Perception):
     """The simulated points and a compiled estimator, in a foreign ``scene``."""
 
     def __init__(self, scene: Scene | None) -> None:
         self.scene = scene
-
-    def begin(self, run: Run) -> None:
-        """Write the prior."""
-        write_whole_estimate(run)
 
     def frame(self, run: Run, u: np.ndarray, contact: bool) -> None:
         """Measure what the scene does not hide, and run the compiled filter."""
@@ -152,7 +127,7 @@ class PointPerception:
         estimate_and_judge(run, u, contact, measure_in(self.scene, run), bool(ends))
 
 
-class PythonPerception:
+class PythonPerception(Perception):
     """A foreign sensor, or the simulated points, with any estimator. What they answer is checked here."""
 
     def __init__(self, run: Run, start: Start, seed: np.random.SeedSequence) -> None:

@@ -4,11 +4,11 @@ from typing import Any
 
 import numpy as np
 
-from activeslam_gym.config import MOST_HELD_FRAMES
+from activeslam_gym.config import MOST_HELD_FRAMES, Scenario
 from activeslam_gym.envs.actions import PAIRS, Encoding
 from activeslam_gym.envs.evaluation import give_reward
-from activeslam_gym.envs.perception import is_compiled, perception_of, step_runs_in_python
-from activeslam_gym.envs.reset import reset_run
+from activeslam_gym.envs.perception import Perception, PointPerception, PythonPerception, step_runs_in_python
+from activeslam_gym.envs.reset import Start, reset_run
 from activeslam_gym.envs.run import Run, complete
 from activeslam_gym.envs.setting import Setting
 from activeslam_gym.envs.step import REST, STEP, step_runs
@@ -16,8 +16,30 @@ from activeslam_gym.information import candidates
 from activeslam_gym.kernels import row, uncompiled
 from activeslam_gym.motion import POSITION
 from activeslam_gym.registry import FOREIGN, number_from
-from activeslam_gym.sensors.sensor import TEXTURED
+from activeslam_gym.sensors.sensor import CORNERS, IMAGES, POINTS, TEXTURED
+from activeslam_gym.slam.estimate import COMPILED
 from activeslam_gym.threads import Workers
+
+
+def is_compiled(scenario: Scenario) -> bool:
+    """Whether whole steps run in one kernel."""
+    return scenario.sensor == POINTS and scenario.estimator in COMPILED and not scenario.has_foreign_scene
+
+
+def perception_of(setting: Setting, run: Run, start: Start, key: int) -> Perception:
+    """The perception of a run that has just been reset from ``key`` to that ``start``."""
+    seed = np.random.SeedSequence(key).spawn(5)[-1]  # the redraws use it, and not its children
+    if setting.scenario.sensor == IMAGES:
+        from activeslam_gym.envs.images import ImagePerception
+
+        return ImagePerception(setting, run, start.mean[:7], seed)
+    if setting.scenario.sensor == CORNERS:
+        from activeslam_gym.envs.corners import CornerPerception
+
+        return CornerPerception(setting, run, start.mean[:7], seed)
+    if setting.scenario.sensor == POINTS and setting.scenario.estimator in COMPILED:
+        return PointPerception(start.scene)
+    return PythonPerception(run, start, seed)
 
 
 class Runs:
@@ -36,7 +58,7 @@ class Runs:
         """Steps in a motion period."""
         self.lost_position_error = float(task.lost_position_error)
         """Error of the position from which on a run is lost [m]."""
-        self._runs, self._workers, self._compiled = runs, workers, is_compiled(setting)
+        self._runs, self._workers, self._compiled = runs, workers, is_compiled(setting.scenario)
         self._foreign_reward = int(task.reward) == FOREIGN  # a field of a record is slow to read
         self._end_when_lost = bool(task.end_when_lost)
         count = len(runs.episode)

@@ -10,6 +10,7 @@ from activeslam_gym.camera import CAMERA, camera_of
 from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import constants, filled, record, row
 from activeslam_gym.motion import CAMERA_DIM, CAMERA_SIZE, MOTION, motion_of
+from activeslam_gym.registry import array_of
 from activeslam_gym.slam.appearance import appearance_of, draw_bias, use_identified, wander
 from activeslam_gym.slam.association import associate, association_of
 from activeslam_gym.slam.belief import (
@@ -94,8 +95,8 @@ class Filter:
         )
         self.camera = self.models.lens
         self.belief = row(empty_beliefs(scenario, 1), 0)
-        self.fiducials = _array("fiducials", fiducials, np.zeros((0, 3)), (-1, 3))
-        self.boxes = _array("boxes", boxes, np.zeros((0, 2, 3)), (-1, 2, 3))
+        self.fiducials = _array("fiducials", fiducials, np.zeros((0, 3)), (None, 3))
+        self.boxes = _array("boxes", boxes, np.zeros((0, 2, 3)), (None, 2, 3))
         self.counts = np.zeros(1, COUNTS)[0]
         self._sight: Sight | None = None
         self._arrays = row(empty_estimates(self.capacity, 1), 0)
@@ -225,7 +226,7 @@ class Filter:
         Raises:
             ValueError: an array is not of its shape, or not finite, or there is no room for so many.
         """
-        points = _array("points", points, None, (-1, 3))
+        points = _array("points", points, None, (None, 3))
         n, belief = len(points), self.belief
         if n > self.capacity:
             raise ValueError(f"points must be {self.capacity} at most, got {n}")
@@ -328,13 +329,9 @@ def detections_of(
     return out
 
 
-def _array(name: str, value: Any, default: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
-    """``value`` (or the default where it is None) as finite numbers of that ``shape``, in which -1 is any length."""
-    try:
-        array = np.array(default if value is None else value, float)
-    except (TypeError, ValueError):
-        array = np.array(np.nan)
-    fits = array.ndim == len(shape) and all(want in (-1, got) for want, got in zip(shape, array.shape))
-    if not fits or not np.isfinite(array).all():
-        raise ValueError(f"{name} must be finite numbers of shape {shape}, got {value!r}")
+def _array(name: str, value: Any, default: np.ndarray | None, shape: tuple[int | None, ...]) -> np.ndarray:
+    """``value`` (or the default where it is None) as finite numbers of that ``shape``, in which None is any length."""
+    array = array_of(name, default if value is None else value, shape)
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} must be finite numbers, got {value!r}")
     return array

@@ -55,15 +55,21 @@ gymnasium.register(
 )
 
 
-def warm_up() -> None:
-    """Compile the kernels of steps and scores, or load them: what the first step and the first score would do.
+def warm_up(images: bool = False) -> None:
+    """Compile the kernels of steps and scores, or load them, for programs that fork, or that must not wait later.
 
-    For programs that fork, or that must not wait later.
+    Independent ones are compiled at the same time, as many as there are cores. ``images``: those of
+    ``ActiveSLAMPixels-v0`` too, which needs OpenCV.
+
+    Raises:
+        RuntimeError: kernels cannot be compiled; the message has the cause.
     """
-    env = ActiveSLAMEnv()
-    env.reset(seed=0)
-    env.step((Motion.STAY, Gaze.STAY))
-    env.motion_scores()
+    from activeslam_gym.envs import compiling
+
+    kernels = [compiling.steps, compiling.scores, *([compiling.images] if images else [])]
+    compiling.compile_all(kernels)
+    for kernel in kernels:
+        kernel()
 
 
 def core_of(env: gymnasium.Env | gymnasium.vector.VectorEnv) -> Any:

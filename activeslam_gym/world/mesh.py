@@ -51,10 +51,32 @@ class MeshFactory:
         return _loaded(self, Path(self.path).stat().st_mtime_ns)
 
 
+def _demand_convex(path: str) -> None:
+    """A ValueError, if a face of the OBJ file is not convex: trimesh fills its notch."""
+    points: list[list[str]] = []
+    faces: dict[int, list[list[int]]] = {}  # by the number of corners
+    for line in Path(path).read_text(errors="replace").replace("\\\n", " ").splitlines():  # a \ continues a line
+        kind, *words = line.split() or [""]
+        if kind == "v":
+            points.append(words[:3])
+        elif kind == "f" and len(words) > 3:
+            numbers = [int(word.split("/")[0]) for word in words]  # from 1, or backwards from the last one so far
+            faces.setdefault(len(words), []).append([n - 1 if n > 0 else len(points) + n for n in numbers])
+    for rings in faces.values():
+        corners = np.array(points, float)[rings]
+        edges = np.roll(corners, -1, axis=1) - corners
+        turns = np.cross(np.roll(edges, 1, axis=1), edges)
+        normal = np.cross(edges[:, :-1], corners[:, :1] - corners[:, :-1]).sum(axis=1)  # twice the area
+        if (np.einsum("mni,mi->mn", turns, normal) < -1e-6 * (normal**2).sum(axis=1)[:, None]).any():
+            raise ValueError("a face of more than three corners is not convex; export triangles")
+
+
 @functools.lru_cache(maxsize=8)
 def _loaded(factory: MeshFactory, _: int) -> "MeshScene":
     name = f"scenario.scene: {factory.path!r}"
     try:
+        if Path(factory.path).suffix.lower() == ".obj":
+            _demand_convex(factory.path)
         mesh = trimesh.load(factory.path, force="mesh")
         mesh.apply_scale(factory.unit).apply_transform(_UP[factory.up])
     except Exception as error:

@@ -106,12 +106,12 @@ def visible(view: View, y: np.ndarray, margin: float, z: np.ndarray) -> bool:
     It is where it lies in front of the camera and not too far away, its pixel in the image grown by ``margin`` [px] on
     each side, and none of the boxes between them. Writes the pixel into ``z`` (2,).
     """
-    reached = in_reach(view, (y[0], y[1], y[2]), margin, z)
+    reached = in_field_of_view(view, (y[0], y[1], y[2]), margin, z)
     return reached and distance_between(view.pose, y) <= view.lens.maximum_distance
 
 
 @borrowing
-def in_reach(view: View, y: tuple[float, float, float], margin: float, z: np.ndarray) -> bool:
+def in_field_of_view(view: View, y: tuple[float, float, float], margin: float, z: np.ndarray) -> bool:
     """`visible`, at any distance: what a filter asks, which knows the distance of ``y`` badly."""
     p_C = camera_point(view.R_WC, view.pose, y)
     if p_C[2] < view.lens.minimum_depth or not pixel_from_camera_point(view.lens, p_C, z):

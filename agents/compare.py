@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from activeslam_gym.evaluation import Episode, Store, outcome
+from activeslam_gym.evaluation import Episode, Store, row_of
 from activeslam_gym.evaluation.code import LIBRARIES, package_versions
 from agents.figures import draw_all
 from agents.summary import Summary, headline, markdown, summarise, text
@@ -112,7 +112,7 @@ def _written(episodes: list[Episode], args: Args) -> Summary:
     drawn = args.figures and find_spec("matplotlib")
     if args.figures and not drawn:
         summary.notes.append("No figures: matplotlib is not installed (pip install -e '.[plot]').")
-    write_csv(args.out / "episodes.csv", [outcome(one) for one in episodes])
+    write_csv(args.out / "episodes.csv", [row_of(one) for one in episodes])
     write_json(args.out / "summary.json", asdict(summary))
     write_text(args.out / "summary.md", markdown(summary))
     publish(args.report, "compare", markdown(summary), command_line("agents compare", args))

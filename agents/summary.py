@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from activeslam_gym.evaluation import Episode, outcome
+from activeslam_gym.evaluation import Episode, row_of
 from activeslam_gym.evaluation.code import code
 from agents.tools.sections import Table, escaped
 
@@ -123,7 +123,7 @@ def bootstrap_interval(episodes: Array, figure: Callable[[Array], Array]) -> tup
 # Policies in the same episodes ----------------------------------------------------------------------------------------
 
 
-LEARNED = (
+RESULTS = (
     Column("log_score_gain_median", "log score gain, bits"),
     Column("log_score_under_0", "under 0, %", "share", 100.0),
     Column("log_score_under_minus_1000", "under −1000, %", "share", 100.0),
@@ -140,11 +140,11 @@ ERRORS = (
     Column("position_error", "position error, cm", scale=100.0),
     Column("orientation_error", "orientation error, °", scale=180.0 / np.pi, digits=2),
 )
-HEADLINE = (*LEARNED[:2], LEARNED[-1], ERRORS[0])  # what the README shows of each policy
+HEADLINE = (*RESULTS[:2], RESULTS[-1], ERRORS[0])  # what the README shows of each policy
 PAIRED = (
-    LEARNED[0],
+    RESULTS[0],
     Column("ahead", "ahead, % of episodes", "share", 100.0),
-    *LEARNED[3:5],
+    *RESULTS[3:5],
     Column("landmark_rmse", "RMSE of landmarks mapped by both, cm", scale=100.0),
     *ERRORS[1:],
 )
@@ -169,10 +169,10 @@ def summarise(
     """Figures of `episodes`, and pairs against `reference` and the policy with the highest log score."""
     runs = grouped(episodes)
     rows = {
-        name: {run.seed: outcome(run) | {"landmark_errors": run.landmark_errors} for run in of_policy}
+        name: {run.seed: row_of(run) | {"landmark_errors": run.landmark_errors} for run in of_policy}
         for name, of_policy in runs.items()
     }
-    policies = {name: _figures(list(seen.values()), (*LEARNED, *ERRORS)) for name, seen in rows.items()}
+    policies = {name: _figures(list(seen.values()), (*RESULTS, *ERRORS)) for name, seen in rows.items()}
     fewest, notes = min(len(seen) for seen in rows.values()), []
 
     def differences(name: str, against: str) -> Figures:
@@ -216,7 +216,7 @@ def tables(summary: Summary) -> list[Table]:
     figures = summary.policies
     star = "*" if min(f["bits"].episodes for f in figures.values()) < FEW_EPISODES else ""
     result = [
-        _table(f"Results{star}", figures, LEARNED),
+        _table(f"Results{star}", figures, RESULTS),
         _table(f"Errors at the end{star}", figures, ERRORS),
     ]
     for against, differences in summary.paired.items():

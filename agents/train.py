@@ -40,7 +40,7 @@ def train(args: Args) -> bool:
     if args.initial:
         args = replace(args, width=learners.initial_weights(args)[1]["width"])
     env = learners.make_training(args)
-    batches = learners.make_held_out(args, args.validation_episodes)
+    batches = learners.make_validation(args, args.validation_episodes)
     writable_folder("out", args.out)
     with alone_in(args.out), closing(env), ExitStack() as stack:
         for batch in batches.values():

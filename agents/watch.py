@@ -13,7 +13,7 @@ import numpy as np
 
 from activeslam_gym import rendering
 from activeslam_gym.envs.snapshot import Snapshot
-from activeslam_gym.evaluation import Observer, outcome
+from activeslam_gym.evaluation import Observer, row_of
 from activeslam_gym.files import written_whole
 from activeslam_gym.rendering import NoScreen
 from activeslam_gym.rendering.scene import TEXT
@@ -77,7 +77,7 @@ def main(args: Args) -> int:
         except NoScreen as error:
             message = "no screen was found to watch on; --save clip.gif or --tum write files instead"
             raise gym.error.Error(message) from error
-        row = outcome(episode)
+        row = row_of(episode)
         end = "lost" if episode.lost else f"{row['bits']:.0f} bits of entropy reduction"
         print(
             f"{title}, episode {args.seed}: {end} (log score gain {row['log_score_gain']:.0f} bits), "

@@ -23,7 +23,7 @@ from activeslam_gym.motion import CAMERA_DIM, QUATERNION
 from activeslam_gym.slam import belief as layout
 from activeslam_gym.slam.belief import KIND_DIM, POINT, RAY, Belief
 from activeslam_gym.slam.estimate import EstimateArrays, empty_estimates
-from activeslam_gym.slam.kalman import gain, shift_mean, subtract_and_recentre
+from activeslam_gym.slam.kalman import factored_gain, shift_mean, update_covariance
 from activeslam_gym.slam.map import append_feature
 from activeslam_gym.slam.sight import Sight, sight_of_belief
 
@@ -272,8 +272,8 @@ def python(*arguments: str | Path, cwd: Path | None = None, **environment: str) 
 
 def update(belief: Belief, HP: np.ndarray, S: np.ndarray, innovation: np.ndarray) -> bool:
     """One Kalman update, as `correct` makes it at the end; False, with nothing changed, if S has no factor."""
-    W, delta, sound = gain(HP, S, innovation)
+    W, delta, sound = factored_gain(HP, S, innovation)
     if sound:
         shift_mean(belief, delta)
-        subtract_and_recentre(belief, W, delta)
+        update_covariance(belief, W, delta)
     return bool(sound)

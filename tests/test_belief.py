@@ -8,7 +8,7 @@ import pytest
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam import belief as layout
 from activeslam_gym.slam.belief import INVERSE_DEPTH, KIND_DIM, POINT, RAY, Belief
-from activeslam_gym.slam.kalman import MINIMUM_INVERSE_DEPTH, propagate, shift_mean, subtract_and_recentre
+from activeslam_gym.slam.kalman import MINIMUM_INVERSE_DEPTH, propagate, shift_mean, update_covariance
 from activeslam_gym.slam.map import append_feature, convert_to_point, remove_feature, room_for
 
 from . import support
@@ -225,7 +225,7 @@ def test_a_turn_of_camera_and_map_stays_as_uncertain_as_it_was(kinds: list[int])
     delta = 0.1 * np.random.default_rng(1).standard_normal(dim)
     delta[3:6] = 0.0
     shift_mean(belief, delta)
-    subtract_and_recentre(belief, np.zeros((0, len(delta))), delta)
+    update_covariance(belief, np.zeros((0, len(delta))), delta)
     N = turn_of_everything(belief)
     np.testing.assert_allclose(joint_covariance(belief), N @ N.T, atol=1e-12)
 

@@ -17,7 +17,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import baselines
-from activeslam_gym.evaluation import Episode, Store, outcome, run_episode
+from activeslam_gym.evaluation import Episode, Store, row_of, run_episode
 from activeslam_gym.files import written_whole
 from agents import policies
 from agents import task as tasks
@@ -68,16 +68,16 @@ def test_episode_comes_back_from_its_file(tmp_path: Path) -> None:
 
 def test_outcome_of_a_known_episode() -> None:
     fourteen = {"landmark_times": 0.5 + np.arange(14.0), "landmark_log2_det": -np.arange(14.0)}
-    row = outcome(episode(bits=10.0, **fourteen))
+    row = row_of(episode(bits=10.0, **fourteen))
     assert (row["bits"], row["log_score_gain"], row["reward"]) == (10.0, 20.0, 10.0)
     for gain, under in ((0.0, [0, 0]), (-1.0, [1, 0]), (-1000.0, [1, 0]), (-1001.0, [1, 1])):
-        row = outcome(episode(log_score=np.linspace(0.0, gain, 5), **fourteen))
+        row = row_of(episode(log_score=np.linspace(0.0, gain, 5), **fourteen))
         assert [row["log_score_under_0"], row["log_score_under_minus_1000"]] == under
     assert (row["landmarks_mapped"], row["landmark_rmse"], row["decision_us"]) == (1, 0.03, 7.0)
     assert (row["target_time"], row["target_log2_det"]) == (13.5, -13.0)
     assert (row["motion_right"], row["motion_stay"], row["gaze_left"]) == (2, 0, 4)
-    assert np.isnan(outcome(episode())["target_time"])
-    assert outcome(episode(lost=True))["bits"] == 0.0
+    assert np.isnan(row_of(episode())["target_time"])
+    assert row_of(episode(lost=True))["bits"] == 0.0
 
 
 def test_rotation_offset_takes_the_estimate_to_the_truth() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from activeslam_gym.evaluation import Episode, Store, code, outcome
+from activeslam_gym.evaluation import Episode, Store, code, row_of
 from agents.task import Task, make_environment, play_tasks, run_policy
 from tests.support import assert_same_record
 
@@ -53,7 +53,7 @@ def test_samples_of_a_period_are_the_nearest_of_all_and_the_last() -> None:
     settings = {"scenario": "hand-held", "gaze_period": 0.4, "duration": 4.4, "motion_period": 1.2}
     every, sparse = (run_policy("stay", make_environment(settings), [5], period=period)[0] for period in (0.0, 1.0))
     np.testing.assert_allclose(sparse.times, [0.0, 0.8, 2.0, 2.8, 4.0, 4.4])
-    assert outcome(sparse) | {"decision_us": 0} == outcome(every) | {"decision_us": 0}
+    assert row_of(sparse) | {"decision_us": 0} == row_of(every) | {"decision_us": 0}
     kept = np.isin(every.times, sparse.times)
     for name in ("entropy", "log_score", "landmark_nees", "rotation_offset"):
         np.testing.assert_array_equal(getattr(sparse, name), getattr(every, name)[kept])

@@ -15,7 +15,7 @@ from activeslam_gym.slam import belief as layout
 from activeslam_gym.slam.belief import INVERSE_DEPTH, KIND_DIM, POINT, RAY
 from activeslam_gym.slam.depth_particles import predict_rays
 from activeslam_gym.slam.filter import filter_of
-from activeslam_gym.slam.kalman import subtract_and_recentre
+from activeslam_gym.slam.kalman import update_covariance
 from activeslam_gym.slam.map import add_landmark
 from activeslam_gym.slam.sight import inverse_depth_measurement, point_measurement
 
@@ -77,7 +77,7 @@ def recentring(rng: np.random.Generator) -> Case:
     belief = support.random_belief(PAPER, [POINT, INVERSE_DEPTH], rng)
     P, phi = joint_covariance(belief), rng.uniform(-0.5, 0.5, 3)
     delta, J = np.concatenate((np.zeros(3), phi, np.zeros(len(P) - 6))), np.eye(len(P))
-    subtract_and_recentre(belief, np.zeros((0, len(P))), delta)
+    update_covariance(belief, np.zeros((0, len(P))), delta)
     P_new, turn = joint_covariance(belief), quaternion_exp(phi)
     found = P_new[3:6, :3] @ np.linalg.inv(P[3:6, :3])
     case = Case(lambda e: support.rotation_between(quaternion_exp(phi + e), turn), found)

@@ -12,7 +12,7 @@ cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
 from activeslam_gym.camera import camera_of, change_of_view, pixel_from_camera_point
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.information.candidates import visible_points
+from activeslam_gym.information.candidates import measurable_points
 from activeslam_gym.live.advice import CRITERION, best
 from activeslam_gym.live.session import Session
 from activeslam_gym.live.source import FOLLOW, NEVER, ROOM, STILL, Person, RecordedImages, RenderedRoom
@@ -84,7 +84,7 @@ def test_only_measurements_that_the_front_end_would_take_are_foreseen(walk: Any)
         pose = belief.camera.copy()
         pose[:3] += way
         there = np.array([in_view(point, pose) for point in belief.points])
-        seen = there & visible_points(session.front_end.camera, belief._replace(limits=limits), pose)
+        seen = there & measurable_points(session.front_end.camera, belief._replace(limits=limits), pose)
         change = np.array([change_of_view(*both) for both in zip(belief.first_seen, [pose] * known, belief.points)])
         np.testing.assert_array_equal(seen[:known], there[:known] & (change <= settings.most_change))
         room = max(limits.wanted - seen[:known].sum() - len(belief.fiducials), 0)

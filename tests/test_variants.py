@@ -9,7 +9,7 @@ from activeslam_gym.config import TRAINING_SEED
 from activeslam_gym.evaluation import play
 from activeslam_gym.slam.belief import INVARIANT, INVERSE_DEPTH, PLAIN, POINT, Belief
 from activeslam_gym.slam.estimate import COMPILED
-from activeslam_gym.slam.kalman import shift_mean, subtract_and_recentre
+from activeslam_gym.slam.kalman import shift_mean, update_covariance
 
 from .support import PAPER, dense_H, joint_covariance, random_belief, sight_of, turn_of_everything
 
@@ -31,7 +31,7 @@ def test_a_turn_of_camera_and_map_is_not_measured_and_stays_as_uncertain_as_it_w
     delta = SHIFT * np.random.default_rng(1).standard_normal(dim)
     delta[3:6] = 0.0
     shift_mean(belief, delta)
-    subtract_and_recentre(belief, np.zeros((0, dim)), delta)
+    update_covariance(belief, np.zeros((0, dim)), delta)
     N = turn_of_everything(belief)
     np.testing.assert_allclose(joint_covariance(belief), N @ N.T, atol=1e-12)
     np.testing.assert_allclose(dense_H(sight_of(belief)) @ N, 0.0, atol=1e-9)
@@ -42,7 +42,7 @@ def test_the_plain_filter_keeps_the_covariance_and_so_measures_a_turn() -> None:
     before, N = joint_covariance(belief), turn_of_everything(belief)
     delta = SHIFT * np.random.default_rng(1).standard_normal(len(before))
     shift_mean(belief, delta)
-    subtract_and_recentre(belief, np.zeros((0, len(delta))), delta)
+    update_covariance(belief, np.zeros((0, len(delta))), delta)
     np.testing.assert_allclose(joint_covariance(belief), before, rtol=1e-14)
     assert np.abs(dense_H(sight_of(belief)) @ N).max() > 1.0
 

@@ -83,7 +83,7 @@ EPISODE = record(
     clearance=("f8", (MOTION_COUNT,)),  # how far the camera can go by each motion, where there are boxes [m]
     redraw_key=("u8", (1,)),  # the stream of expected landmarks that are drawn again
 )
-"""What one run has been worth so far."""
+"""The progress of one run: its controller, what happened, and what it has been worth so far."""
 
 
 class Run(NamedTuple):
@@ -96,11 +96,11 @@ class Run(NamedTuple):
     expected: np.ndarray  # (N,) EXPECTED landmarks
     viewpoint: np.ndarray  # (V,) VIEW from which was looked for them; V = 0 without negative information
     detections: np.ndarray  # (M,) DETECTION: the last frame's detections, as the filter gets them
-    label: np.ndarray  # (M,) of what each of them is; see `World`. For scoring alone
+    label: np.ndarray  # (M,) of what each of them is; see `World`. For scoring, and where association is known
     first_seen: np.ndarray
     """(F, 3) where the camera was when each landmark of the estimate was initialised [m]; (0, 3) where that does not
     limit the sensor."""
-    owner: np.ndarray  # (F,) OWNER, of the landmarks of the estimate in their order. For scoring alone
+    owner: np.ndarray  # (F,) OWNER, of the landmarks of the estimate in their order. For scoring, but `slot`
     episode: Record  # EPISODE
     observation: np.ndarray  # (D,) float32
 

@@ -116,7 +116,7 @@ def read_command(run: Run, command: np.ndarray, reach: float) -> None:
     copy_into(control.command, command[:3])
     if motion.bodies:
         stop_short(motion, run.world, d, reach)
-    elif run.world.state.boxes > 0:
+    elif run.world.state.boxes > 0:  # of a textured room, which no range finder senses
         keep_off(motion, run.world, d)
     copy_into(control.start, camera[POSITION])
     copy_into(control.goal, goal_by(motion, camera, d))
@@ -172,7 +172,7 @@ def identify(run: Run) -> bool:
 
 @compiled
 def judge(run: Run) -> None:
-    """End the frame; count wrong matches, and features from clutter, by the hidden labels of the detections."""
+    """End the frame (`end_frame`), and count wrong matches and features from clutter by the hidden labels."""
     events, count, K = run.episode.events, run.episode.detection_count, run.world.fiducials.shape[0]
     end_frame(run)
     wrong, false = judge_matches(run.owner, run.estimate, K, run.detections[:count], run.label[:count])

@@ -35,7 +35,7 @@ class Episode:
     log2_det_camera: Array  # (T,) log₂|P| of the camera
     log2_det_map: Array  # (T,) log₂|P| of the map, at constant dimension
     log2_det_total: Array  # (T,) log₂|P| of both
-    log_score: Array  # (T,) log₂ N(truth | belief) [bit]
+    log_score: Array  # (T,) log₂ N(truth | belief), less that of the start [bit]
     landmarks_mapped: Array  # (T,) features that are mapped
     distinct_landmarks: Array  # (T,) true landmarks among them
     position_error: Array  # (T,) [m]
@@ -126,7 +126,7 @@ def nearest(times: Array, period: float) -> Array:
 TARGET = 14  # the landmark whose time the paper states
 
 
-def outcome(episode: Episode) -> dict[str, Any]:
+def row_of(episode: Episode) -> dict[str, Any]:
     """A row of episodes.csv: names, bits learned, errors at the end [m, rad], times [s], counts of the commands.
 
     A lost belief has removed no bits of entropy; its log score stands as it is, for the score itself punishes it.

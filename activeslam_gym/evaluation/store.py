@@ -166,15 +166,15 @@ def run_all(
     from tqdm import tqdm
 
     if isinstance(workers, str):
-        outcomes = on_cluster(partial(outcome, function, elsewhere=True), tasks, workers, files)
+        attempts = on_cluster(partial(attempt, function, elsewhere=True), tasks, workers, files)
     elif tasks and (apart or min(workers, len(tasks)) > 1):
-        outcomes = _in_processes(function, tasks, min(workers, len(tasks)))
+        attempts = _in_processes(function, tasks, min(workers, len(tasks)))
     else:
-        outcomes = ((task, outcome(function, task)) for task in tasks)
+        attempts = ((task, attempt(function, task)) for task in tasks)
     before, failed = finished or 0, []
     bar = tqdm(total=before + sum(map(len, tasks)), initial=before, unit="episode", disable=finished is None)
-    with bar, closing(outcomes):
-        for task, result in outcomes:
+    with bar, closing(attempts):
+        for task, result in attempts:
             bar.update(len(task))
             if isinstance(result, Exception):
                 failed.append(result)
@@ -185,7 +185,7 @@ def run_all(
         raise ValueError(f"{len(failed)} failed: {'; '.join(messages[:3])}") if messages[1:] else failed[0]
 
 
-def outcome(function: Callable[[T], R], task: T, elsewhere: bool = False) -> R | Exception:
+def attempt(function: Callable[[T], R], task: T, elsewhere: bool = False) -> R | Exception:
     """`function(task)`, or its error; SystemExit is one too, and Ctrl-C in another process: the parent alone has it."""
     try:
         return function(task)
@@ -200,9 +200,9 @@ def outcome(function: Callable[[T], R], task: T, elsewhere: bool = False) -> R |
 def _in_processes(
     function: Callable[[T], R], tasks: Sequence[T], processes: int, again: bool = False
 ) -> Generator[tuple[T, R | Exception], None, None]:
-    """The tasks with their outcomes; those that ran when a process ended are repeated once, each alone."""
+    """The tasks with their attempts; those that ran when a process ended are repeated once, each alone."""
     with ProcessPoolExecutor(processes, get_context("spawn"), start_worker) as pool:
-        left = {pool.submit(outcome, function, task): task for task in tasks}
+        left = {pool.submit(attempt, function, task): task for task in tasks}
         try:
             for future in as_completed(list(left)):
                 if not isinstance(future.exception(), BrokenExecutor):

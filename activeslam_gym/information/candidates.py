@@ -63,7 +63,10 @@ UNLIMITED = SensorLimits(math.inf, 2**62)  # those of `points`
 
 
 class PredictedBelief(NamedTuple):
-    """What a policy plans with: points to be seen, features of the map and expected landmarks alike. M points."""
+    """What a policy plans with: the present estimate, and expected landmarks beside its features. M points.
+
+    Nothing of it is predicted in time.
+    """
 
     camera: np.ndarray
     """(13,) estimated camera."""
@@ -82,7 +85,7 @@ class PredictedBelief(NamedTuple):
     limits: SensorLimits = UNLIMITED
     """Those of the sensor."""
     first_seen: np.ndarray = np.zeros((0, 3))
-    """(k, 3) where the camera was when each of the leading k points was initialised [m]; see `visible_points`."""
+    """(k, 3) where the camera was when each of the leading k points was initialised [m]; see `measurable_points`."""
 
 
 @compiled
@@ -148,7 +151,7 @@ def propagate_by(motion: Record, P: np.ndarray, turn: float, frames: int) -> Non
 
 
 @compiled
-def visible_points(lens: Record, belief: PredictedBelief, pose: np.ndarray) -> np.ndarray:
+def measurable_points(lens: Record, belief: PredictedBelief, pose: np.ndarray) -> np.ndarray:
     """(M,) bool: which of the points the sensor can measure from ``pose`` (13,), if they are in its image.
 
     The leading points are features; where ``first_seen`` is NaN, and where it is empty, every side will do. The others
@@ -175,7 +178,7 @@ def visible_points(lens: Record, belief: PredictedBelief, pose: np.ndarray) -> n
 @compiled
 def sight_after(lens: Record, belief: PredictedBelief, P: np.ndarray, pose: np.ndarray) -> Sight:
     """What is in view of ``pose`` (13,), with the covariance ``P``."""
-    seen = visible_points(lens, belief, pose)
+    seen = measurable_points(lens, belief, pose)
     return sight_of_points(lens, belief.boxes, pose, belief.fiducials, belief.points, seen, P)
 
 

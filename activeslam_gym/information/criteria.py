@@ -32,7 +32,7 @@ def mutual_information(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
 
 @compiled
 def net_information(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
-    """`mutual_information` of one set of measurements [bit]; scores of plans by this name are `net.net_of_plans`.
+    """Of one set of measurements, `mutual_information` [bit]; scores of plans by this name are `net.net_of_plans`.
 
     Those are net of the entropy that process noise adds, and leave out the expected landmarks that the present image
     would show: nothing was found there.

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from activeslam_gym.camera import view_of, visible
-from activeslam_gym.information.candidates import PredictedBelief, goal_pose, unshown, visible_points
+from activeslam_gym.information.candidates import PredictedBelief, goal_pose, measurable_points, unshown
 from activeslam_gym.kernels import Record, borrowing, compiled
 from activeslam_gym.linalg import (
     add_product,
@@ -35,7 +35,7 @@ from activeslam_gym.slam.sight import POSE_DIM, PREDICTED, point_measurement
 ABSENT = -1  # in place of a point's first row in Y: it is not in the state yet
 
 
-class Noise(NamedTuple):
+class OpenLoops(NamedTuple):
     """Open-loop motions that plans share: k of them, of different turn rate or length."""
 
     turn: np.ndarray  # (k,) turn rate about the vertical [rad/s]
@@ -90,7 +90,7 @@ def net_of_plans(
     begin = -log2_det_of_factor(U, 0, size)
     solve_transposed(U, inverse)
     Y_begin, shape = product(inverse.T, inverse), (most, CAMERA_DIM, CAMERA_DIM)
-    noise = Noise(np.empty(most), np.zeros(most, np.int64), np.empty(shape), np.empty(shape), np.empty(shape))
+    noise = OpenLoops(np.empty(most), np.zeros(most, np.int64), np.empty(shape), np.empty(shape), np.empty(shape))
     C, J, pose = np.empty((CAMERA_DIM, CAMERA_DIM)), np.empty((POSE_DIM, POSE_DIM)), rest.camera
     Y, start = np.zeros((CAMERA_DIM + 3 * M, CAMERA_DIM + 3 * M)), CAMERA_DIM + 3 * np.arange(M)
     points = np.empty(1, PREDICTED)
@@ -119,7 +119,7 @@ def net_of_plans(
 
 
 @compiled
-def _find_noise(motion: Record, turn: float, frames: int, noise: Noise) -> int:
+def _find_noise(motion: Record, turn: float, frames: int, noise: OpenLoops) -> int:
     """Which of ``noise`` is that of ``frames`` frames of turning at ``turn`` [rad/s]; filled where it was not."""
     k, last = 0, noise.frames.shape[0] - 1
     while k < last and noise.frames[k] != 0 and not (noise.frames[k] == frames and noise.turn[k] == turn):
@@ -203,7 +203,7 @@ def _measure(
     all along. Returns the new size of the state, and log2 |Y| of the priors of those that entered.
     """
     (pose, start, J, images), fiducials, points = course, belief.fiducials, belief.points
-    seen, P = visible_points(lens, belief, pose), belief.covariance
+    seen, P = measurable_points(lens, belief, pose), belief.covariance
     view, weight, prior = view_of(lens, pose, belief.boxes), images / lens.pixel_std**2, 0.0
     z, H_x, H_y = point.z_hat, point.H_camera, point.H_feature
     J[:] = 0.0

@@ -33,6 +33,8 @@ class Detections(NamedTuple):
 class Sensor(Protocol):
     """One run's sensor. ``Sensor(scenario, seed)`` makes one; ``seed`` is a `numpy.random.SeedSequence` of its own.
 
+    A measurement (d,) is (u, v, ...): its first two numbers are a pixel, by which the filter associates.
+
     `measure` alone reads the ground truth. Filter and planner use the other two and ``noise``. Where a sensor has an
     attribute ``boxes`` (B, 2, 3), those that are known to hide landmarks are written into it at each reset [m].
     """

@@ -88,7 +88,10 @@ Direction = tuple[float, float, float]
 
 
 class Belief(NamedTuple):
-    """Arrays of one filter. F slots, D covariance rows, M particles, T tracks."""
+    """The state of the compiled filter; everything else reads its `Estimate`.
+
+    F slots, D covariance rows, M particles, T tracks.
+    """
 
     state: Record  # STATE
     feature: np.ndarray  # (F,) FEATURE, of which the leading ``state.count`` are in use, oldest first

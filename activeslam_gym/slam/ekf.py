@@ -25,13 +25,13 @@ from activeslam_gym.slam.filter import Filter, detections_of
 from activeslam_gym.slam.kalman import (
     ITERATIONS,
     MINIMUM_INVERSE_DEPTH,
-    STRAIGHT_PX,
-    gain,
+    NONLINEARITY_PX,
+    factored_gain,
+    invariance_correction,
+    left_jacobian,
     predict,
-    rotated,
     shift_mean,
-    subtract_and_recentre,
-    turning,
+    update_covariance,
 )
 from activeslam_gym.slam.map import (
     add_landmark,
@@ -138,25 +138,27 @@ class Ekf:
         first = belief.state.camera.copy(), belief.feature["mean"].copy()
         z, H = self.linearised(points, places)
         line, H = z.ravel(), H.reshape(len(value), dim)  # z at delta = 0, by the line through the last mean
-        W, delta, sound = gain(H @ P, H @ P @ H.T + R, value - line)
+        W, delta, sound = factored_gain(H @ P, H @ P @ H.T + R, value - line)
         for _ in range(ITERATIONS if sound else 0):
             shift_mean(belief, delta)
             z, H_next = self.linearised(points, places)
-            bends = (size * np.abs(z.ravel() - line - H @ delta)).max() > STRAIGHT_PX  # not where a point is behind
+            bends = (size * np.abs(z.ravel() - line - H @ delta)).max() > NONLINEARITY_PX  # not where a point is behind
             if bends:  # H by the tangent that P is of; see `kalman.correct`
                 H = H_next.reshape(len(value), dim)
-                H[:, D_ROTATION] = H[:, D_ROTATION] @ rotated(belief, delta) + H @ turning(belief, delta).T
+                H[:, D_ROTATION] = (
+                    H[:, D_ROTATION] @ left_jacobian(belief, delta) + H @ invariance_correction(belief, delta).T
+                )
                 line = z.ravel() - H @ delta
             belief.state.camera[:], belief.feature["mean"] = first
             if not bends:
                 break
-            W_next, delta_next, next_sound = gain(H @ P, H @ P @ H.T + R, value - line)
+            W_next, delta_next, next_sound = factored_gain(H @ P, H @ P @ H.T + R, value - line)
             if not next_sound:
                 break
             W, delta = W_next, delta_next
         if sound:
             shift_mean(belief, delta)
-            subtract_and_recentre(belief, W, delta)
+            update_covariance(belief, W, delta)
 
     def add_landmark(self, value: np.ndarray, R: np.ndarray) -> int:
         """Initialise the feature measured as ``value`` (d,) with noise ``R`` (d, d); its id, or NEW without room."""

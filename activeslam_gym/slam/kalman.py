@@ -1,7 +1,7 @@
 """The Kalman filter of the mean and the joint covariance, cross-covariances included: prediction and update.
 
-The update by all that was matched is iterated where its line is not straight enough. The mean is on a manifold:
-`shift_mean` moves it, and `subtract_and_recentre` gives the covariance about the new mean. The estimator `ekf` is the
+The update by all that was matched is iterated where the measurement is not linear enough. The mean is on a manifold:
+`shift_mean` moves it, and `update_covariance` gives the covariance about the new mean. The estimator `ekf` is the
 right-invariant filter. `ekf-plain` keeps the tangent as it is, and so gains orientation that it never measured.
 """
 
@@ -45,7 +45,7 @@ from activeslam_gym.slam.restart import contradicted, restart
 from activeslam_gym.slam.sight import POSE_DIM, PRODUCT_FRAMES, Sight, pixel_rows, predict_pixel, sight_with
 
 ITERATIONS = 3  # at most so many after the first update
-STRAIGHT_PX = 0.3  # nothing is iterated where the pixels at the new mean are so near to what the line says
+NONLINEARITY_PX = 0.3  # an update is iterated where a pixel at the new mean is farther from its linear prediction
 MINIMUM_INVERSE_DEPTH = 0.01  # updates keep inverse depths above this [1/m]
 
 
@@ -90,7 +90,7 @@ def propagate(P: np.ndarray, dim: int, F: np.ndarray, Q: np.ndarray) -> None:
 
 
 @compiled
-def gain(HP: np.ndarray, S: np.ndarray, innovation: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
+def factored_gain(HP: np.ndarray, S: np.ndarray, innovation: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
     """(W, delta, sound): with U^T U = S and W = U^-T H P, K S K^T = W^T W and delta = K nu = W^T (U^-T nu).
 
     One factor, no inverse. ``HP`` is (m, dim); ``S`` = H P H^T + R (m, m) and ``innovation`` nu (m,) are overwritten.
@@ -181,10 +181,10 @@ def correct(lens: Record, belief: Belief, fiducials: np.ndarray, sight: Sight, p
     line = np.empty(pixels.shape[0])  # the pixels at delta = 0, by the line through the last mean
     for r in range(line.shape[0]):
         line[r] = points[r // 2].z_hat[r % 2]
-    W, delta, sound = gain(HP, S, pixels - line)
+    W, delta, sound = factored_gain(HP, S, pixels - line)
     for _ in range(ITERATIONS if sound else 0):
         shift_mean(belief, delta)
-        bends = _bend(lens, belief, fiducials, points, line, delta) > STRAIGHT_PX
+        bends = _nonlinearity(lens, belief, fiducials, points, line, delta) > NONLINEARITY_PX
         if bends:
             _refer_to_prior(belief, points, line, delta)
         copy_into(state.camera, camera)
@@ -194,18 +194,18 @@ def correct(lens: Record, belief: Belief, fiducials: np.ndarray, sight: Sight, p
         if not bends:
             break
         nearer = sight_with(points, belief.covariance, belief.state.dim)
-        W_next, delta_next, next_sound = gain(nearer.HP, nearer.S, pixels - line)
+        W_next, delta_next, next_sound = factored_gain(nearer.HP, nearer.S, pixels - line)
         if not next_sound:
             break
         W, delta = W_next, delta_next
     if sound:
         shift_mean(belief, delta)
-        subtract_and_recentre(belief, W, delta)
+        update_covariance(belief, W, delta)
     return sound
 
 
 @compiled
-def _bend(
+def _nonlinearity(
     lens: Record, belief: Belief, fiducials: np.ndarray, points: np.ndarray, line: np.ndarray, delta: np.ndarray
 ) -> float:
     """Measure ``points`` at the shifted mean: how far their pixels are from ``line`` + H delta [px].
@@ -236,11 +236,11 @@ def _along(point: Record, axis: int, delta: np.ndarray) -> float:
 
 @compiled
 def _refer_to_prior(belief: Belief, points: np.ndarray, line: np.ndarray, delta: np.ndarray) -> None:
-    """H at the shifted mean, by the tangent that P is of: H M, with the rotation's columns of `subtract_and_recentre`.
+    """H at the shifted mean, by the tangent that P is of: H M, with the rotation's columns of `update_covariance`.
 
     Then the new line is h(x_i) - H delta.
     """
-    E, J = turning(belief, delta), rotated(belief, delta)
+    E, J = invariance_correction(belief, delta), left_jacobian(belief, delta)
     for a in range(points.shape[0]):
         point = points[a]
         for axis in range(2):
@@ -281,7 +281,7 @@ def _add(x: np.ndarray, delta: np.ndarray) -> None:
 
 
 @compiled
-def subtract_and_recentre(belief: Belief, W: np.ndarray, delta: np.ndarray) -> None:
+def update_covariance(belief: Belief, W: np.ndarray, delta: np.ndarray) -> None:
     """M (P - W^T W) M^T: the update's covariance in the tangent of the mean just shifted by ``delta`` (dim,).
 
     M keeps what no bearing can tell, a turn of camera and map together, what it is. Such a turn a moves a point f by
@@ -296,7 +296,7 @@ def subtract_and_recentre(belief: Belief, W: np.ndarray, delta: np.ndarray) -> N
     update, M P M^T = P + E^T B + B^T E; all that is subtracted, at once: (W, -E, -B)^T (W, B, E).
     """
     P, dim, m = belief.covariance, belief.state.dim, W.shape[0]
-    E, left, right = turning(belief, delta), np.empty((m + 6, dim)), np.empty((m + 6, dim))
+    E, left, right = invariance_correction(belief, delta), np.empty((m + 6, dim)), np.empty((m + 6, dim))
     B = right[m : m + 3]
     copy_block(P[D_ROTATION, :dim], B)
     for i in range(3):
@@ -313,7 +313,7 @@ def subtract_and_recentre(belief: Belief, W: np.ndarray, delta: np.ndarray) -> N
 
 
 @compiled
-def turning(belief: Belief, delta: np.ndarray) -> np.ndarray:
+def invariance_correction(belief: Belief, delta: np.ndarray) -> np.ndarray:
     """E (3, dim), M = I + E^T on the rotation's columns: how the shift changed what a turn does to each coordinate.
 
     Of a world vector that is shifted by d it is [d]x: a x d = E^T a.
@@ -348,7 +348,7 @@ def _turn_angles(azimuth: float, elevation: float, sign: float, E: np.ndarray) -
 
 
 @compiled
-def rotated(belief: Belief, delta: np.ndarray) -> np.ndarray:
+def left_jacobian(belief: Belief, delta: np.ndarray) -> np.ndarray:
     """J_l (3, 3), M on the rotation's own rows and columns."""
     return diagonal(np.ones(3)) if belief.state.variant == PLAIN else so3_left_jacobian(delta[D_ROTATION])
 
@@ -357,7 +357,7 @@ def rotated(belief: Belief, delta: np.ndarray) -> np.ndarray:
 def _recentre_rotation(belief: Belief, delta: np.ndarray) -> None:
     """P_theta = J_l P_theta, rows and columns."""
     P, dim = belief.covariance, belief.state.dim
-    J, P_theta = rotated(belief, delta), np.zeros((3, dim))
+    J, P_theta = left_jacobian(belief, delta), np.zeros((3, dim))
     add_product(J, P[D_ROTATION], P_theta)
     for i in range(3):
         for j in range(dim):

@@ -13,7 +13,7 @@ from activeslam_gym.camera import (
     View,
     camera_from_world,
     distance_between,
-    in_reach,
+    in_field_of_view,
     inside_image,
     pixel_from_camera_point,
     pixel_jacobian,
@@ -45,13 +45,13 @@ INSIDE_STDS = 3.0  # its absence is telling when its predicted pixel is so many 
 TELLING_SHARE = 0.85  # and nearer than this share of the greatest distance at which anything is seen
 
 PRODUCT_FRAMES, IMAGE_PRODUCT_FRAMES = 8.0, 3.0
-"""So many frames tell of a product of two errors together what one does; and of images.
+"""The second-order error counts so many times, since it is correlated over as many frames; and in images.
 
-The errors of a way and of an inverse depth barely change from frame to frame, so neither does their product. But noise
-that is overstated makes the filter follow the camera too slowly, and what it lags behind counts as parallax: a camera
-that turns on the spot believes its features too near. In images, whose pixels are nearly exact, it is 3 frames for that
-reason. With unknown commands the product is counted once in images, where the noise of a feature grows with its mean
-residual, and where there are no fiducials, as way and inverse depths then have one free scale.
+It is the product of two errors, of the camera's way and of an inverse depth, which barely change from frame to frame.
+But noise that is overstated makes the filter follow the camera too slowly, and what it lags behind counts as parallax:
+a camera that turns on the spot believes its features too near. In images, whose pixels are nearly exact, it is 3 frames
+for that reason. With unknown commands the product is counted once in images, where the noise of a feature grows with
+its mean residual, and where there are no fiducials, as way and inverse depths then have one free scale.
 """
 
 NEAR, INSIDE = 1, 2  # a row is within reach of the image; well inside it, so that a miss is telling
@@ -244,7 +244,7 @@ def sight_of_belief(lens: Record, belief: Belief, fiducials: np.ndarray, boxes: 
         vague = row >= K and belief.feature[row - K].kind != POINT
         point, y = points[v], _expected_place(belief, fiducials, row)
         _describe(belief, K, row, point)
-        if in_reach(view, y, lens.width, point.z_hat) and predict_pixel(view, belief, fiducials, point):
+        if in_field_of_view(view, y, lens.width, point.z_hat) and predict_pixel(view, belief, fiducials, point):
             own_innovation(lens, P, point.column, point.width, point.H_camera, point.H_feature, S)
             _write_noise(lens, point)
             if vague:

@@ -54,7 +54,7 @@ def make_training(recipe: Recipe) -> VecEnv:
     return env
 
 
-def make_held_out(recipe: Recipe, episodes: int) -> dict[str, VecEnv]:
+def make_validation(recipe: Recipe, episodes: int) -> dict[str, VecEnv]:
     """Of each scenario a batch of ``episodes`` that choose the best weights, observed as those of `make_training`."""
     batches = {name: _make_batch(recipe, name, episodes) for name in recipe.scenarios}
     if not _common_layout(recipe):

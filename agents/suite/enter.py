@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from activeslam_gym.evaluation import Episode, Store, outcome
+from activeslam_gym.evaluation import Episode, Store, row_of
 from activeslam_gym.evaluation.code import LIBRARIES, machine, package_versions
 from activeslam_gym.files import text_of
 from agents import policies
@@ -162,7 +162,7 @@ def made(name: str, names: Sequence[str], suite: Suite, note: str, runs: Sequenc
     Raises:
         ValueError: a score is not finite.
     """
-    rows = [outcome(run) for run in runs]
+    rows = [row_of(run) for run in runs]
     if wrong := [row for row in rows if not np.isfinite(row["log_score_gain"])]:
         raise ValueError(f"policies: {wrong[0]['policy']!r}, seed {wrong[0]['seed']}: its score is not finite")
 

@@ -12,7 +12,7 @@ import numpy as np
 import tyro
 
 from activeslam_gym.config import IMAGE_SCENARIOS
-from activeslam_gym.evaluation import Store, outcome
+from activeslam_gym.evaluation import Store, row_of
 from activeslam_gym.evaluation.code import machine, package_versions, processor
 from agents import policies
 from agents.suite import enter
@@ -56,7 +56,7 @@ def main(args: Args) -> int:
     differences = []
     for task, run in runs.items():
         scenario, policy, index = chosen[task]
-        row, kept, lost = outcome(run), entry.gains(scenario)[policy, index], entry.lost[scenario][policy][index]
+        row, kept, lost = row_of(run), entry.gains(scenario)[policy, index], entry.lost[scenario][policy][index]
         same = np.isclose(row["log_score_gain"], kept, rtol=TOLERANCE, atol=TOLERANCE)
         if not same or row["lost"] != lost:
             now = f"{row['log_score_gain']:.6f}, lost {row['lost']}"

@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # OpenCV 5.0.0.93: `recoverPose` chooses among the four motions of an essential matrix by the points before both
 # cameras, and counts none that is farther away than 50 times the baseline. The form with a camera matrix alone has no
-# argument for it. Between images of a video all points may be that far. Exact pixels of 100 points, 64 to 100 baselines away,
-# give 0 inliers, and the motion is a guess: with the opposite sign of the same essential matrix the rotation is wrong
-# by 180 degrees, without an error. `distanceThresh` gives the true one for both signs.
+# argument for it. Between images of a video all points may be that far. Exact pixels of 100 points, 64 to 100
+# baselines away, give 0 inliers, and the motion is a guess: with the opposite sign of the same essential matrix the
+# rotation is wrong by 180 degrees, without an error. `distanceThresh` gives the true one for both signs.
 # Upstream: the issue github.com/opencv/opencv/issues/8032, closed by that argument.
 # Prints inliers and errors, and fails if that changes.
 set -euo pipefail

@@ -99,13 +99,7 @@ def resolve(
         ValueError: an argument is unknown, out of range, or no whole number of the period that it must be made of; the
             message names it, its value and what is allowed.
     """
-    parts = {_PARTS[name]: others.pop(name) for name in _PARTS if name in others}
-    for name, value in others.items():
-        field, near = (name, "") if name in BOUNDS else ("FIELD", did_you_mean(name, (*_NO_FIELDS, *BOUNDS)))
-        raise TypeError(f"no argument {name}{near}; a scenario's fields are given as scenario={{{field!r}: {value!r}}}")
-    resolved = scenario_with(scenario, **parts)
-    if fitted := getattr(scene_factory(resolved.scene), "fitted", None):
-        resolved = fitted(resolved)
+    resolved = _checked(scenario, **others)
     frame, most = resolved.frame_time, MOST_HELD_FRAMES
     duration = resolved.duration if duration is None else duration
     if gaze_period is None:
@@ -117,12 +111,6 @@ def resolve(
     steps = whole_multiple("duration", duration, "gaze_period", step_time)
     if not isinstance(end_when_lost, bool):
         raise ValueError(f"end_when_lost must be True or False, got {end_when_lost!r}")
-    if check := getattr(part_of("scenario.estimator", resolved.estimator, ESTIMATORS), "check", None):
-        check(resolved)
-    part_of("scenario.sensor", resolved.sensor, OWN_SENSORS)
-    part_of("scenario.motion_criterion", resolved.motion_criterion, CRITERIA)
-    if resolved.sensor in TEXTURED:
-        require_textured(resolved)
     task = filled(
         TASK,
         frames_per_step=frames_per_step,
@@ -144,6 +132,24 @@ def resolve(
         models=models_of(resolved, task, steps_per_motion * step_time),
         layout=layout_of(resolved),
     )
+
+
+def _checked(scenario: str | Mapping[str, Any] | Scenario, **others: Any) -> Scenario:
+    """The scenario with the parts among ``others``, which are all there and fit it."""
+    parts = {_PARTS[name]: others.pop(name) for name in _PARTS if name in others}
+    for name, value in others.items():
+        field, near = (name, "") if name in BOUNDS else ("FIELD", did_you_mean(name, (*_NO_FIELDS, *BOUNDS)))
+        raise TypeError(f"no argument {name}{near}; a scenario's fields are given as scenario={{{field!r}: {value!r}}}")
+    resolved = scenario_with(scenario, **parts)
+    if fitted := getattr(scene_factory(resolved.scene), "fitted", None):
+        resolved = fitted(resolved)
+    if check := getattr(part_of("scenario.estimator", resolved.estimator, ESTIMATORS), "check", None):
+        check(resolved)
+    part_of("scenario.sensor", resolved.sensor, OWN_SENSORS)
+    part_of("scenario.motion_criterion", resolved.motion_criterion, CRITERIA)
+    if resolved.sensor in TEXTURED:
+        require_textured(resolved)
+    return resolved
 
 
 def _default_step(scenario: Scenario, motion_period: float, duration: float) -> int:

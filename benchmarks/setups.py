@@ -113,7 +113,7 @@ def mapped_runs(landmarks: int) -> Run:
     run.episode.detection_count = SEEN
     run.detections["id"][:SEEN] = run.ekf.feature["id"][:SEEN]
     for y, pixel in zip(points, run.detections["pixel"][:SEEN]):
-        pixel_from_camera_point(runs.models[0].camera, y, pixel)
+        pixel_from_camera_point(runs.models[0].lens, y, pixel)
     return runs
 
 

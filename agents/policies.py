@@ -83,7 +83,7 @@ def described(error: BaseException) -> str:
     return f"{type(error).__name__}: {lines[0] if lines else ''}{where}"
 
 
-# What a name tells before there is an environment --------------------------------------------------------------------
+# What a name says before there is an environment --------------------------------------------------------------------
 
 
 def holds_code(name: str) -> bool:

@@ -36,7 +36,7 @@ class ActiveSLAMVecEnv(VecEnv):
 
     An environment's dict of `infos` has its last `info` when its episode ends, with ``terminal_observation`` and
     ``TimeLimit.truncated``, and is empty before: a dict for each environment and step would cost time. The latter is
-    False at the time limit too: the return is that of a finite horizon and the observation tells the time, so that SB3
+    False at the time limit too: the return is that of a finite horizon and the observation has the time, so that SB3
     must not add the value of the last observation.
 
     `baselines.make(name, env)` and `observation_layout(env)` take it, also under SB3's wrappers: it is read as the

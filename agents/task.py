@@ -59,10 +59,10 @@ class Task:
 
 
 def results(
-    tasks: Sequence[Task], store: Store, batch: int = 1, anew: bool = False
+    tasks: Sequence[Task], store: Store, batch: int = 1, again: bool = False
 ) -> Generator[tuple[Task, Episode], None, None]:
     """Yield every task with its episode; see `Store.gather`. A policy that holds code is always played."""
-    made = {task for task in tasks if anew or policies.holds_code(task.policy)}
+    made = {task for task in tasks if again or policies.holds_code(task.policy)}
     apart = any(policies.holds_code(task.policy) for task in tasks)
     files = _files(tasks) if isinstance(store.workers, str) else {}
     with closing(store.gather(tasks, play_tasks, batch, made, apart, files)) as finished:
@@ -71,12 +71,12 @@ def results(
 
 
 def collect(
-    tasks: Sequence[Task], store: Store, into: dict[Task, Episode] | None = None, anew: bool = False
+    tasks: Sequence[Task], store: Store, into: dict[Task, Episode] | None = None, again: bool = False
 ) -> dict[Task, Episode]:
     """The `results`, or those that are over at Ctrl-C; where some fail, ``into`` has the others."""
     found = {} if into is None else into
     try:
-        with closing(results(tasks, store, anew=anew)) as finished:
+        with closing(results(tasks, store, again=again)) as finished:
             found.update(finished)
     except KeyboardInterrupt:
         print("Interrupted; the episodes that are over are kept.")
@@ -152,7 +152,7 @@ def run_policy(
 
 
 def check(tasks: Iterable[Task]) -> None:
-    """Every policy of the tasks takes a step in its environment, so that a mistake is told before any episode.
+    """Every policy of the tasks takes a step in its environment, so that a mistake is reported before any episode.
 
     Kernels are then compiled, once, before processes start. A user's code runs in a process of its own.
 

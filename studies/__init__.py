@@ -91,7 +91,7 @@ P = TypeVar("P", bound=Page)
 
 
 def run(args: type[P], main: Callable[[P], None], arguments: Sequence[str] | None = None) -> None:
-    """Read the command line and run a study; a mistake is told in a line, with the exit status 2; Ctrl-C is 130."""
+    """Read the command line and run a study; a mistake is reported in a line, with the exit status 2; Ctrl-C is 130."""
     import tyro
 
     name = f"python -m {args.command()}"

@@ -39,14 +39,14 @@ def _play(env: ActiveSLAMEnv) -> None:
 
 
 def compile_all(kernels: list[Callable[[], None]]) -> None:
-    """Compile ``kernels`` in processes, as many at a time as there are cores, and tell how far it is.
+    """Compile ``kernels`` in processes, as many at a time as there are cores, and report each that is ready.
 
     Raises:
         RuntimeError: a process failed; its messages.
     """
     began, done = time.monotonic(), list[str]()
 
-    def compiled(kernel: Callable[[], None]) -> str:
+    def run(kernel: Callable[[], None]) -> str:
         command = f"from {__name__} import {kernel.__name__}; {kernel.__name__}()"
         ran = subprocess.run([sys.executable, "-c", command], capture_output=True, text=True, check=False)
         if ran.returncode:
@@ -54,7 +54,7 @@ def compile_all(kernels: list[Callable[[], None]]) -> None:
         return kernel.__name__
 
     with ThreadPoolExecutor(available_cores()) as pool:
-        for one in as_completed([pool.submit(compiled, kernel) for kernel in kernels]):
+        for one in as_completed([pool.submit(run, kernel) for kernel in kernels]):
             done.append(one.result())
             bar = "#" * len(done) + "." * (len(kernels) - len(done))
             line = f"activeslam_gym: kernels [{bar}] {', '.join(done)}: {time.monotonic() - began:.0f} s"

@@ -54,7 +54,7 @@ class Perception:
 def step_runs_in_python(
     runs: Run, perceptions: list[Any], orders: np.ndarray, commands: np.ndarray, start: int, stop: int
 ) -> None:
-    """`step.step_runs`, with the scene, the sensor and the estimator of each run; a ValueError tells the frame."""
+    """`step.step_runs`, with the scene, the sensor and the estimator of each run; a ValueError names the frame."""
     for i in range(start, stop):
         try:
             if orders[i] == BEGIN:

@@ -130,7 +130,7 @@ class History:
         self._landmark_times += [time] * (int(evaluation.landmarks_mapped) - len(self._landmark_times))
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """The fields of a `Snapshot` that tell the past."""
+        """The fields of a `Snapshot` about the past."""
         times, true_positions, positions, entropy = zip(*self._moments, strict=True) if self._moments else ((),) * 4
         return {
             "true_trajectory": np.reshape(true_positions, (-1, 3)),

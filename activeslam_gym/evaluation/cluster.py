@@ -1,7 +1,7 @@
 """Tasks on a cluster of Ray: chunks of a few seconds, the slowest first, on machines with the same installation.
 
 The calling process alone makes the chunks and takes their results, so that each task counts once. Ray starts processes,
-moves functions, files and results, and tells which process or machine is lost.
+moves functions, files and results, and names the process or machine that is lost.
 """
 
 import os

@@ -39,7 +39,7 @@ from activeslam_gym.slam.sight import IMAGE_PRODUCT_FRAMES, Sight
 
 _NEAREST = 0.1  # nearer than that, a view changes no faster [m]
 _LEAST_LEVEL = 0.2
-"""Straight above or below, an azimuth tells nothing: the cosine of the elevation counts as at least so much."""
+"""Straight above or below, an azimuth says nothing: the cosine of the elevation counts as at least so much."""
 
 APPEARANCE, appearance_of = constants(
     Scenario(),

@@ -190,8 +190,8 @@ TESTS_torchrl := tests/test_clients.py -k torchrl
 TESTS_rllib   := tests/test_clients.py -k rllib
 TESTS_cleanrl := tests/test_clients.py -k cleanrl
 TESTS_rerun   := tests/test_examples.py -k rerun
-TESTS_live    := tests/test_live_page.py tests/test_live_access.py tests/test_live_browser.py tests/test_live_device.py tests/test_vision_board_calibration.py
-TESTS_cluster := tests/test_cluster.py
+TESTS_live    := tests/live tests/vision/test_board_calibration.py
+TESTS_cluster := tests/evaluation/test_cluster.py
 TESTS_gtsam   := tests/test_smoother.py
 
 .venvs/lowest.txt: pyproject.toml # each lower bound as the one version

@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 from activeslam_gym import camera
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
-
-from .support import CAMERA, NO_BOXES, pixel_of, random_camera
+from tests.support import CAMERA, NO_BOXES, pixel_of, random_camera
 
 
 def project(x: float, y: float, z: float) -> np.ndarray:

@@ -7,8 +7,7 @@ import pytest
 from activeslam_gym import Gaze, Motion
 from activeslam_gym import motion as m
 from activeslam_gym.config import SCENARIOS
-
-from .support import CAMERA, PAPER, pixel_of, random_camera
+from tests.support import CAMERA, PAPER, pixel_of, random_camera
 
 MODEL = m.motion_of(PAPER, 1.0)
 START = np.array([0.0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0])

@@ -14,8 +14,7 @@ from activeslam_gym.sensors.points import PointSensor
 from activeslam_gym.slam.belief import start_of
 from activeslam_gym.slam.ekf import Ekf
 from activeslam_gym.slam.estimate import Measurements
-
-from .support import world_points
+from tests.support import world_points
 
 pytest.importorskip("gtsam", reason="GTSAM is not installed: pip install -e '.[gtsam]'")
 

@@ -1,0 +1,269 @@
+"""The study: statistics and tables on made-up episodes with known figures, then the command on the real environment."""
+
+import csv
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import baselines
+from activeslam_gym.evaluation import Episode, Store, row_of, run_episode
+from activeslam_gym.files import written_whole
+from agents import policies
+from agents import task as tasks
+from agents.__main__ import main
+from agents.compare import Args, compare
+from agents.summary import summarise
+from agents.task import Task, play_tasks
+from agents.tools.files import write_csv, write_json
+from tests.support import assert_same_record
+
+ROOT = Path(__file__).parents[2]
+DURATION = 3.0
+NAMES = [field.name for field in fields(Episode)]
+SAMPLED = NAMES[NAMES.index("times") : NAMES.index("actions")]
+"""Fields of an episode with one entry for each time."""
+FIGURES = {"scores.png", "entropies.png", "errors.png", "maps.png"}
+
+
+def episode(policy: str = "stay", seed: int = 0, bits: float = 10.0, **changes: Any) -> Episode:
+    """An episode of 2 s in steps of 0.5 s that removes `bits`, with one landmark of three mapped after 1 s."""
+    times = np.arange(5) * 0.5
+    mapped = np.array([0, 0, 1, 1, 1])
+    values: dict[str, Any] = {name: np.ones(5) for name in SAMPLED}
+    values |= {name: np.zeros((5, 3)) for name in SAMPLED if name.endswith(("_std", "_position"))}
+    values |= {name: np.tile([1.0, 0, 0, 0], (5, 1)) for name in ("true_quaternion", "estimated_quaternion")}
+    values |= {"policy": policy, "seed": seed, "settings": "{}", "lost": False}
+    values |= {"room_size": np.array([6.0, 2.0, 6.0]), "true_landmarks": np.zeros((3, 3)), "fiducials": np.ones((6, 3))}
+    values |= {"times": times, "entropy": 100.0 - bits * times / 2.0, "log_score": -50.0 + bits * times}
+    values |= {"landmarks_mapped": mapped, "distinct_landmarks": mapped}
+    values |= {"landmark_rmse": np.where(mapped > 0, 0.03, np.inf), "landmark_errors": np.array([0.03, np.nan, np.nan])}
+    values |= {"landmark_times": times[2:3], "landmark_log2_det": np.array([-20.0])}
+    values |= {"estimated_landmarks": np.full((1, 3), 0.02), "landmark_covariance": np.eye(3)[None] * 1e-4}
+    values |= {"actions": np.array([[2, 1]] * 4), "motion_read": np.array([True, False, True, False])}
+    values |= {"rewards": np.full(4, bits / 4), "decision_us": np.full(4, 7.0)}
+    return Episode(**(values | changes))
+
+
+def test_episode_comes_back_from_its_file(tmp_path: Path) -> None:
+    written = episode("own:mine", lost=True)
+    written = replace(written, events={"initialised": np.arange(4)}, notes={"depth_errors": np.ones(2)})
+    Store(tmp_path).save("a", {}, written.arrays())
+    arrays = Store(tmp_path).load("a", {})
+    assert arrays is not None
+    read = Episode.of(arrays)
+    assert (read.policy, read.seed, read.lost) == ("own:mine", 0, True)
+    assert_same_record(read.arrays(), written.arrays())
+
+
+def test_outcome_of_a_known_episode() -> None:
+    fourteen = {"landmark_times": 0.5 + np.arange(14.0), "landmark_log2_det": -np.arange(14.0)}
+    row = row_of(episode(bits=10.0, **fourteen))
+    assert (row["bits"], row["log_score_gain"], row["reward"]) == (10.0, 20.0, 10.0)
+    for gain, under in ((0.0, [0, 0]), (-1.0, [1, 0]), (-1000.0, [1, 0]), (-1001.0, [1, 1])):
+        row = row_of(episode(log_score=np.linspace(0.0, gain, 5), **fourteen))
+        assert [row["log_score_under_0"], row["log_score_under_minus_1000"]] == under
+    assert (row["landmarks_mapped"], row["landmark_rmse"], row["decision_us"]) == (1, 0.03, 7.0)
+    assert (row["target_time"], row["target_log2_det"]) == (13.5, -13.0)
+    assert (row["motion_right"], row["motion_stay"], row["gaze_left"]) == (2, 0, 4)
+    assert np.isnan(row_of(episode())["target_time"])
+    assert row_of(episode(lost=True))["bits"] == 0.0
+
+
+def test_rotation_offset_takes_the_estimate_to_the_truth() -> None:
+    estimated = Rotation.random(5, random_state=1)
+    offset = np.random.default_rng(2).normal(scale=0.1, size=(5, 3))
+    true = Rotation.from_rotvec(offset) * estimated
+    quaternions = dict(zip(("true_quaternion", "estimated_quaternion"), (true.as_quat(), estimated.as_quat())))
+    found = episode(**{name: np.roll(q, 1, axis=-1) for name, q in quaternions.items()}).rotation_offset
+    np.testing.assert_allclose(found, offset, atol=1e-12)
+
+
+def test_differences_are_within_rooms_against_the_reference_and_the_highest_log_score() -> None:
+    runs = [episode("stay", seed, 10.0 * seed) for seed in range(8)]
+    runs += [episode("mi-fisher", seed, 10.0 * seed + 1.0) for seed in range(8)]
+    runs += [episode("ahead", seed, 10.0 * seed + 1.0 + (seed < 6)) for seed in range(8)]
+    summary = summarise(runs)
+    difference = summary.paired["mi-fisher"]["stay"]["bits"]
+    assert (difference.value, difference.low, difference.high, difference.episodes) == (-1.0, -1.0, -1.0, 8)
+    assert summary.paired["mi-fisher"]["stay"]["ahead"].value == 0.0
+    assert summary.paired["mi-fisher"]["ahead"]["ahead"].value == 0.75  # the last two rooms are draws
+    assert summary.policies["stay"]["bits"].value == 35.0
+    assert list(summary.paired) == ["mi-fisher", "ahead"]
+    summary = summarise([episode("own:mine", bits=90.0), episode("stay"), episode("sweep", bits=20.0)])
+    assert set(summary.paired["own:mine"]) == {"sweep", "stay"}
+    assert any("mi-fisher was not run" in note for note in summary.notes)
+
+
+def test_an_interrupted_write_leaves_the_old_file_and_json_has_nulls(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    write_csv(path, [{"a": 1, "b": np.nan}])
+    with pytest.raises(KeyboardInterrupt), written_whole(path) as unfinished:
+        unfinished.write_text("half")
+        raise KeyboardInterrupt
+    assert path.read_text().splitlines() == ["a,b", "1,"]
+    assert list(tmp_path.iterdir()) == [path]
+    write_json(path, {"a": [1.0, np.nan], "b": {"c": -np.inf}})
+    assert json.loads(path.read_text()) == {"a": [1.0, None], "b": {"c": None}}
+
+
+def played() -> Episode:
+    env = gym.make("ActiveSLAM-v0", duration=DURATION)
+    return run_episode(env, baselines.make("mi-fisher", env), seed=7, name="mi-fisher")
+
+
+def test_record_of_an_episode_is_that_of_its_seed() -> None:
+    run = played()
+    samples, steps = len(run.times), len(run.actions)
+    assert samples == steps + 1 == round(DURATION / 0.25) + 1
+    assert run.times[-1] == pytest.approx(DURATION)
+    assert all(len(getattr(run, name)) == samples for name in SAMPLED)
+    assert run.motion_read.sum() == DURATION
+    assert run.rewards.sum() == pytest.approx(run.entropy[0] - run.entropy[-1], abs=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(run.position_offset, axis=1), run.position_error, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(run.rotation_offset, axis=1), run.orientation_error, atol=1e-6)
+    assert len(run.landmark_times) == run.landmarks_mapped.max()
+    assert np.isfinite(run.landmark_errors).sum() == run.distinct_landmarks[-1]
+    assert_same_record(played().arrays(), run.arrays())
+
+
+def test_compare_writes_everything_and_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    args = Args(policies=("stay", "mi-fisher"), episodes=2, duration=DURATION, out=tmp_path, jobs=1)
+    summary = compare(args)
+    assert summary is not None and summary.settings["complete"]
+    assert {path.name for path in tmp_path.glob("*.png")} == FIGURES
+    rows = list(csv.DictReader((tmp_path / "episodes.csv").open()))
+    ran = [(row["policy"], int(row["seed"]) - args.seed) for row in rows]
+    assert ran == [("stay", 0), ("stay", 1), ("mi-fisher", 0), ("mi-fisher", 1)]
+    bits = np.mean([float(row["bits"]) for row in rows if row["policy"] == "stay"])
+    written = json.loads((tmp_path / "summary.json").read_text())
+    assert written["policies"]["stay"]["bits"]["value"] == pytest.approx(bits)
+    assert (tmp_path / "summary.md").read_text().startswith("## Comparison")
+
+    monkeypatch.setattr(tasks, "play_tasks", lambda _: pytest.fail("an episode was run again"))
+    assert compare(replace(args, resume=True)) == summary
+    monkeypatch.setattr("activeslam_gym.evaluation.store.package_sources", lambda package: "another filter")
+    with pytest.raises(pytest.fail.Exception, match="run again"):
+        compare(replace(args, resume=True))
+
+
+OWN = """
+import os, sys
+class Constant:
+    def __init__(self, answer):
+        self.answer = answer
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        return self.answer(), state
+def leaves(env): return Constant(lambda: sys.exit(0))
+def ends(env): return Constant(lambda: os._exit(0))
+"""
+
+
+@pytest.fixture
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The module of own policies."""
+    (tmp_path / "own_policies.py").write_text(OWN)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    return "own_policies"
+
+
+@pytest.mark.parametrize("how", ["leaves", "ends"])
+def test_a_policy_that_ends_the_process_is_a_failure_with_its_name(
+    how: str, own: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = f"compare --policies {own}:{how} --episodes 1 --duration 1 --jobs 1 --no-figures --out out".split()
+    assert main(line) == 2
+    assert f"{own}:{how}" in capsys.readouterr().err
+    task = Task(f"{own}:{how}", 5, json.dumps({"duration": 1.0}))
+    with pytest.raises((ValueError, ChildProcessError), match=f"{own}:{how}"):
+        list(tasks.results([task], Store()))
+
+
+def test_a_model_of_stable_baselines_is_a_policy(tmp_path: Path) -> None:
+    sb3 = pytest.importorskip("stable_baselines3")
+    path = tmp_path / "model.zip"
+    for id, kind, seed in (("", "PPO", 0), ("Continuous", "SAC", 0), ("Discrete", "DQN", 0), ("Discrete", "DQN", 1)):
+        env = gym.make(f"ActiveSLAM{id}-v0")
+        model = getattr(sb3, kind)("MlpPolicy", env, seed=seed, **({} if kind == "PPO" else {"buffer_size": 10}))
+        model.save(path)
+        (played,) = play_tasks([Task(str(path), 3, json.dumps({"duration": 1.0}))])
+        env = gym.make(f"ActiveSLAM{id}-v0", duration=1.0, end_when_lost=False)
+        expected = run_episode(env, model, seed=3, name=str(path))
+        np.testing.assert_array_equal(played["actions"], expected.actions)
+        contents = policies.content(str(path))
+    sb3.DQN("MlpPolicy", env, seed=9, buffer_size=10).save(path)
+    assert policies.content(str(path)) != contents
+    with pytest.raises(ValueError, match="it observes"):
+        policies.load(str(path), gym.make("ActiveSLAMDiscrete-v0", scenario="office"))
+    path.write_bytes(path.read_bytes()[:-300])
+    with pytest.raises(ValueError, match="model.zip"):
+        policies.actions_of(str(path))
+
+
+def gone(process: int) -> bool:
+    """Whether a process is no more, or waits to be buried."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except OSError:
+        return True
+
+
+SLEEPY = """
+import os, pathlib, sys, time
+from activeslam_gym.evaluation.store import run_all
+def sleep(paths):
+    pathlib.Path(paths[0]).write_text(f"{os.getpid()} ")
+    time.sleep(300)
+if __name__ == "__main__":
+    list(run_all(sleep, [(path,) for path in sys.argv[1:]], 2, 0))
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks into /proc")
+def test_workers_end_with_a_killed_parent(tmp_path: Path) -> None:
+    script, files = tmp_path / "sleepy.py", [tmp_path / name for name in "ab"]
+    script.write_text(SLEEPY)
+    env = os.environ | {"PYTHONPATH": str(ROOT)}
+    parent = subprocess.Popen([sys.executable, str(script), *map(str, files)], env=env, stderr=subprocess.PIPE)
+    until(lambda: all(file.exists() and file.read_text().endswith(" ") for file in files))
+    parent.kill()
+    parent.communicate()
+    until(lambda: all(gone(int(file.read_text())) for file in files))
+
+
+def until(happened: Callable[[], bool], seconds: float = 60.0) -> None:
+    """Wait for something to happen."""
+    end = time.monotonic() + seconds
+    while not happened():
+        assert time.monotonic() < end
+        time.sleep(0.1)
+
+
+def test_an_interrupted_comparison_keeps_its_episodes_and_needs_no_matplotlib(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(group: tuple[Task, ...]) -> list[Any]:
+        if group[0].seed > 0:
+            raise KeyboardInterrupt
+        return [episode(group[0].policy, 0).arrays()]
+
+    monkeypatch.setattr("agents.compare.find_spec", lambda name: None)
+    monkeypatch.setattr(tasks, "play_tasks", interrupted)
+    summary = compare(Args(policies=("stay", "sweep"), episodes=5, seed=0, out=tmp_path, jobs=1))
+    assert summary is not None
+    assert summary.notes[-2:] == [
+        "Incomplete: 2 of 10 episodes.",
+        "No figures: matplotlib is not installed (pip install -e '.[plot]').",
+    ]
+    assert len((tmp_path / "episodes.csv").read_text().splitlines()) == 3 and not list(tmp_path.glob("*.png"))

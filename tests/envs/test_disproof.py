@@ -1,0 +1,106 @@
+"""Negative information: what was looked at and not found is expected elsewhere, and nothing else changes."""
+
+import gymnasium as gym
+import numpy as np
+
+from activeslam_gym.camera import View, visible
+from activeslam_gym.config import Scenario
+from activeslam_gym.envs.disproof import WELL_INSIDE_PX, disprove
+from activeslam_gym.geometry import rotation_matrix
+from activeslam_gym.information.expectation import EXPECTED, WAITING
+from tests.support import CAMERA, NO_BOXES, simulation_of
+
+HALF, POSE = np.array([3.0, 1.0, 3.0]), np.array([0.0, 0, 0, 1, 0, 0, 0])
+
+
+def inside(pose: np.ndarray, y: np.ndarray) -> bool:
+    return visible(View(CAMERA, pose, rotation_matrix(pose[3:7]), NO_BOXES), y, -WELL_INSIDE_PX, np.empty(2))
+
+
+def expectation(*points: tuple[float, float, float]) -> np.ndarray:
+    expected = np.zeros(len(points), EXPECTED)
+    expected["point"] = points
+    return expected
+
+
+def look(expected: np.ndarray, poses: list[np.ndarray], probability: float = 1.0, walls: bool = False) -> int:
+    """Frames from ``poses``, of which 5 make a look; the number of viewpoints."""
+    run = simulation_of(gym.make("ActiveSLAM-v0", scenario={"landmark_count": len(expected)}))
+    run.models.lens, run.models.motion.half, run.models.on_surfaces = CAMERA, HALF, walls
+    run.models.filter.initialisation.new_feature_detections = 3
+    run.models.filter.association.detection_probability, run.episode.redraw_key[:] = probability, 7
+    run.expected[:] = expected
+    for pose in poses:
+        run.estimate.state.camera[:7] = pose
+        disprove(run)
+    expected[:] = run.expected
+    return int(run.episode.views)
+
+
+def test_what_stood_long_enough_well_inside_is_expected_elsewhere() -> None:
+    at = (0.0, 0.0, 2.0), (0.0, 0.0, -2.0), (0.0, 0.0, 2.5)
+    expected = expectation(*at)
+    expected["feature"][2] = 9  # a feature has retired it
+    look(expected, [POSE] * 4)
+    np.testing.assert_array_equal(expected["point"], at)
+    assert look(expected, [POSE] * 4) == 1
+    assert expected["redraws"].tolist() == [1, 0, 0]
+    assert not inside(POSE, expected["point"][0]) and (abs(expected["point"][0]) <= HALF).all()
+    np.testing.assert_array_equal(expected["point"][1:], at[1:])
+
+
+def test_landmarks_on_surfaces_are_expected_on_walls() -> None:
+    """Each of the four walls gets its share of redrawn points."""
+    expected = expectation(*[(0.0, 0.0, 2.0)] * 400)
+    look(expected, [POSE] * 5, walls=True)
+    share = abs(expected["point"]) / HALF
+    on_x, on_z = np.isclose(share[:, 0], 1.0), np.isclose(share[:, 2], 1.0)
+    assert (on_x | on_z).all() and (share <= 1.0).all()
+    seen = expected["point"][:, 2] > 0.99 * HALF[2]  # the wall ahead, most of which was just seen
+    assert 0 < seen.sum() < 40
+    for axis, on in ((0, on_x), (2, on_z)):
+        for side in (-1, 1):
+            assert (axis, side) == (2, 1) or 60 < (on & (expected["point"][:, axis] * side > 0)).sum() < 240
+
+
+def test_a_redraw_does_not_depend_on_the_others() -> None:
+    alone, together = expectation((0.0, 0.0, -2.0), (0.0, 0.0, 2.0)), expectation((0.1, 0.0, 2.0), (0.0, 0.0, 2.0))
+    for expected in (alone, together):
+        look(expected, [POSE] * 6)
+    assert together["redraws"].tolist() == [1, 1]
+    np.testing.assert_array_equal(alone["point"][1], together["point"][1])
+
+
+def test_a_look_from_one_place_counts_once() -> None:
+    """With a chance of nothing every look is in vain, and there is one for each of the two viewpoints."""
+    expected = expectation((0.0, 0.0, 2.0))
+    beside = POSE + np.array([0.5, 0, 0, 0, 0, 0, 0])
+    assert look(expected, [POSE] * 30 + [beside] * 30, probability=0.0) == 2
+    assert expected["redraws"][0] == 2 and expected["point"][0].tolist() == [0.0, 0.0, 2.0]
+
+
+def test_new_places_are_outside_of_all_viewpoints() -> None:
+    rng, poses = np.random.default_rng(0), []
+    for angle in (0.0, 0.8, 1.6):
+        poses += [np.array([0.0, 0, 0, np.cos(angle / 2), 0, np.sin(angle / 2), 0])] * 12
+    expected = expectation(*rng.uniform(-HALF, HALF, (60, 3)))
+    assert look(expected, poses) == 3
+    moved = expected["point"][expected["redraws"] > 0]
+    assert len(moved) > 10 and not any(inside(pose, y) for pose in poses[::12] for y in moved)
+
+
+def test_only_expected_points_move() -> None:
+    """The same actions in the same room: entropy, log score and map are those of the paper's reading."""
+    told, redraws = [], []
+    for negative in (False, True):
+        env = gym.make("ActiveSLAM-v0", scenario=Scenario(negative_information=negative), gaze_period=0.25)
+        infos, expected = [env.reset(seed=2)[1]], simulation_of(env).expected
+        before = expected["point"].copy()
+        for step in range(40):
+            infos.append(env.step((2 + step // 4 % 2, 1))[-1])
+        told.append([(info["entropy"], info["log_score"], info["landmarks_mapped"]) for info in infos])
+        redraws.append(expected["redraws"].sum())
+        assert (np.any(expected["point"] != before, axis=1) == (expected["redraws"] > 0)).all()
+    assert told[0] == told[1] and redraws[0] == 0 and redraws[1] > 3
+    waiting = expected[expected["feature"] == WAITING]
+    assert sum(inside(simulation_of(env).estimate.state.camera, y) for y in waiting["point"]) <= 1

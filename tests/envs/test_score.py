@@ -1,0 +1,178 @@
+"""What a run is scored by: the price of a loss, whose each feature is, and the labels that may be given."""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from activeslam_gym.config import Scenario
+from activeslam_gym.envs.evaluation import (
+    LOSS,
+    features_of_landmarks,
+    judge_matches,
+    match_to_truth,
+    true_id,
+)
+from activeslam_gym.envs.reward import REWARDS
+from activeslam_gym.envs.run import NO_OWNER, OWNER, UNKNOWN
+from activeslam_gym.metrics import UNSOUND_LOG_SCORE
+from activeslam_gym.slam.belief import POINT, fiducial_id
+from activeslam_gym.slam.detection import NEW, REJECTED, UNASSOCIATED
+from activeslam_gym.slam.filter import detections_of
+from activeslam_gym.slam.map import append_feature, remove_feature
+from activeslam_gym.world.simulator import CLUTTER_LABEL
+from tests.support import PAPER, estimate_of, random_belief, simulation_of
+
+K = 2
+
+# A loss -------------------------------------------------------------------------------------------------------------
+
+
+def made(**arguments: Any) -> gym.Env:
+    """An environment in which half of the runs are lost within seconds."""
+    return gym.make("ActiveSLAM-v0", duration=5.0, lost_position_error=0.06, **arguments)
+
+
+def lost_run(env: gym.Env, seed: int = 0) -> tuple[list[float], list[dict[str, Any]], list[bool]]:
+    """Rewards, infos and ends of the first run of RIGHT and LEFT that is lost before its last second."""
+    while True:
+        rewards, infos, ends = [], [env.reset(seed=seed)[1]], []
+        for step in range(20):
+            _, reward, terminated, truncated, info = env.step((2 + step // 4 % 2, 1))
+            rewards, infos, ends = [*rewards, float(reward)], [*infos, info], [*ends, terminated]
+            if terminated or truncated:
+                break
+        if any(info["lost"] for info in infos[4:16]) and not any(info["lost"] for info in infos[:4]):
+            return rewards, infos, ends
+        seed += 1
+
+
+@pytest.mark.parametrize("reward", REWARDS)
+def test_a_loss_makes_the_return_negative_by_its_price(reward: str) -> None:
+    rewards, infos, ends = lost_run(made(reward=reward))
+    gained = sum(info["reward_terms"][reward] for info in infos)
+    assert ends[-1] and infos[-1]["lost"] and infos[-1]["lost_at_end"]
+    assert sum(rewards) == pytest.approx(min(gained, 0.0) - LOSS)
+    assert infos[-1]["reward_terms"]["lost_penalty"] == pytest.approx(-max(gained, 0.0) - LOSS)
+
+
+def test_a_lost_run_may_go_on_and_pays_once() -> None:
+    (ended, short, _), (rewards, infos, ends) = lost_run(made()), lost_run(made(end_when_lost=False))
+    at = len(ended)
+    assert not any(ends) and len(rewards) == 20 and rewards[:at] == ended
+    assert [info["lost"] for info in infos] == [False] * at + [True] * (21 - at)
+    assert [info["reward_terms"]["lost_penalty"] < 0.0 for info in infos].count(True) == 1
+    assert all(info["lost_at_end"] == (info["position_error"] > 0.06) for info in infos[1:])
+    assert sum(rewards) == pytest.approx(
+        infos[0]["entropy"] - infos[-1]["entropy"] + infos[at]["reward_terms"]["lost_penalty"]
+    )
+    assert short[-1] == infos[at]
+
+
+def test_a_belief_that_is_not_positive_definite_scores_the_floor() -> None:
+    env = gym.make("ActiveSLAM-v0", end_when_lost=False, reward="log_score")
+    _, first = env.reset(seed=0)
+    simulation_of(env).ekf.covariance[6, 6] = -1.0
+    _, reward, terminated, _, info = env.step((6, 2))
+    assert info["lost"] and not terminated
+    assert info["log_score"] == UNSOUND_LOG_SCORE == -10_000.0
+    assert reward == pytest.approx(UNSOUND_LOG_SCORE - LOSS)
+    assert info["reward_terms"]["entropy"] == 0.0 and info["entropy"] == first["entropy"]
+
+
+# Whose a feature is -------------------------------------------------------------------------------------------------
+
+
+class PlainEvaluator:
+    """A judge of three features, with the ids 1 to 3."""
+
+    def __init__(self) -> None:
+        self.belief = random_belief(PAPER, [POINT] * 3, np.random.default_rng(0))
+        self.owner = np.zeros(len(self.belief.feature), OWNER)
+        self.estimate = estimate_of(self.belief)
+
+    def frame(self, *matches: tuple[int, int]) -> tuple[int, int]:
+        """(wrong matches, features from clutter) of a frame of (match, label)."""
+        candidates, labels = detections_of(np.zeros((len(matches), 2))), np.array([m[1] for m in matches], np.int64)
+        candidates["match"] = [m[0] for m in matches]
+        self.estimate = estimate_of(self.belief)
+        match_to_truth(self.owner, self.estimate)
+        return judge_matches(self.owner, self.estimate, K, candidates, labels)
+
+    def ids(self, *labels: int) -> list[int]:
+        return [true_id(self.owner, K, label) for label in labels]
+
+    @property
+    def owners(self) -> list[int]:
+        return self.owner["landmark"][: int(self.estimate.state.count)].tolist()
+
+
+@pytest.mark.parametrize(
+    ("match", "label", "wrong"),
+    [
+        (fiducial_id(1), 1, 0),
+        (fiducial_id(1), 0, 1),
+        (fiducial_id(1), CLUTTER_LABEL, 1),
+        (NEW, 0, 0),
+        (REJECTED, 0, 0),
+        (99, 0, 0),
+    ],
+)
+def test_a_fiducial_is_itself_and_what_is_not_matched_is_not_wrong(match: int, label: int, wrong: int) -> None:
+    identity = PlainEvaluator()
+    assert identity.frame((match, label)) == (wrong, 0)
+    assert (identity.owner["label"] == UNKNOWN).all()
+
+
+def test_a_feature_is_what_it_was_born_of_for_life() -> None:
+    identity = PlainEvaluator()
+    assert identity.frame((1, K + 2), (2, CLUTTER_LABEL), (3, 0)) == (0, 1)
+    assert identity.owners == [2, NO_OWNER, NO_OWNER]
+    for _ in range(5):  # no majority changes that
+        assert identity.frame((1, K), (2, CLUTTER_LABEL), (3, K)) == (3, 0)
+    assert identity.frame((1, K + 2), (2, K + 1), (3, 0)) == (1, 0)
+    assert identity.owners == [2, NO_OWNER, NO_OWNER]
+
+
+def test_a_new_feature_takes_the_lowest_free_slot() -> None:
+    identity = PlainEvaluator()
+    identity.frame((1, K + 2), (2, K), (3, K))
+    remove_feature(identity.belief, 0)
+    append_feature(identity.belief, POINT, np.zeros(6), np.zeros((3, 12)), np.eye(3))
+    assert identity.frame((4, K + 1)) == (0, 0)
+    assert identity.owners == [0, 0, 1]
+    assert identity.owner["slot"][:3].tolist() == [1, 2, 0]
+
+
+def test_the_oldest_eligible_feature_stands_for_its_landmark() -> None:
+    owner, everyone = np.zeros(4, OWNER), np.ones(4, bool)
+    owner["landmark"] = 1, NO_OWNER, 1, 0
+    assert features_of_landmarks(owner, 3, everyone).tolist() == [3, 0, -1]
+    assert features_of_landmarks(owner, 3, np.array([False, True, True, True])).tolist() == [3, 2, -1]
+
+
+# Labels that are given ----------------------------------------------------------------------------------------------
+
+
+def test_the_true_id_is_that_of_the_oldest_feature_born_of_the_point() -> None:
+    identity = PlainEvaluator()
+    identity.frame((1, K + 2), (2, K), (3, K))
+    assert identity.ids(0, 1, K, K + 1, K + 2, CLUTTER_LABEL) == [-1, -2, 2, UNASSOCIATED, 1, REJECTED]
+
+
+@pytest.mark.parametrize("initialisation", ["inverse_depth", "depth_particles"])
+def test_with_given_labels_no_match_is_wrong_and_no_landmark_is_mapped_twice(initialisation: str) -> None:
+    scenario = Scenario(association="known", clutter_rate=2.0, initialisation=initialisation)
+    env = gym.make("ActiveSLAM-v0", scenario=scenario, gaze_period=0.25, end_when_lost=False)
+    env.reset(seed=3)
+    matched = clutter = 0
+    for step in range(60):
+        _, _, _, _, info = env.step((step // 4 % 2 + 2, 1))
+        labels = env.unwrapped.labels
+        owned = labels.owners[labels.owners != NO_OWNER]
+        assert info["events"]["wrong_matches"] == info["events"]["false_features"] == 0
+        assert len(set(owned.tolist())) == len(owned) == len(labels.owners)
+        assert (labels.matched[labels.detected == CLUTTER_LABEL] == REJECTED).all()
+        matched, clutter = matched + (labels.matched > 0).sum(), clutter + (labels.detected == CLUTTER_LABEL).sum()
+    assert matched > 100 and clutter > 20 and info["landmarks_mapped"] >= 2

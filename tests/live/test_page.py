@@ -1,0 +1,126 @@
+"""The page and its command: what they refuse and show, and that nothing is lost at the end."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
+pytest.importorskip("viser", reason="the extra `live` is not installed")
+
+from msgspec.msgpack import encode
+
+from activeslam_gym.__main__ import main
+from activeslam_gym.live.access import check_address
+from activeslam_gym.live.page import Page
+from activeslam_gym.live.state import Standing
+from activeslam_gym.motion import Motion
+from tests.live_scene import a_state, serving, until, visitor
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def page() -> Iterator[Page]:
+    with serving() as made:
+        yield made
+
+
+# What it refuses ------------------------------------------------------------------------------------------------------
+
+
+def test_a_public_tunnel_is_refused(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[Any] = []
+    monkeypatch.setattr("viser._viser.ViserTunnel", lambda *details: opened.append(details))
+    with visitor(page.address) as client:
+        client.send(encode({"type": "ShareUrlRequest"}))
+        assert client.recv(timeout=30.0)
+    assert page._server._share_tunnel is None and not opened
+
+
+def test_a_port_in_use_is_named() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(OSError, match=f"--host 127.0.0.1 --port {port}: Address already in use"):
+            check_address("127.0.0.1", port)
+
+
+MISTAKES = {
+    "--port 70000": "--port must be in 0 to 65535, got 70000",
+    "--port -1": "--port must be in 0 to 65535, got -1",
+    "--host 192.0.2.1 --port 0": "--host 192.0.2.1 --port 0: Cannot assign requested address",
+    "--host no.such.host.invalid": "no page can be served at --host no.such.host.invalid",
+    "--seconds 0": "--seconds must be a positive number, got 0.0",
+    "--seconds nan": "--seconds must be a positive number, got nan",
+    "--seed -1": "--seed must be 0 or more, got -1",
+    "--source shots": "--source shots needs --calibration and --target",
+    "--source shots --calibration lens.json": "--source shots needs --target",
+    "--source shots --calibration lens.json --target t.json": "No such file or directory",
+    "--source browser --target t.json": "--source browser needs --calibration or --calibrate",
+    "--source shots --calibrate lens.json": "--calibrate is for --source browser without --calibration",
+    "--calibrate lens.json": "--calibrate is for --source browser without --calibration",
+    "--record /dev/null/x": "'/dev/null/x' is no folder to write to",
+    f"--record {'a' * 300}": "is no folder to write to (File name too long)",
+    "--record run --host 192.0.2.1 --port 0": "Cannot assign requested address",
+}
+
+
+@pytest.mark.parametrize("line", MISTAKES)
+def test_a_mistake_is_told_in_a_line(line: str, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["live", *line.split()]) == 2
+    *first, told = capsys.readouterr().err.splitlines()
+    assert all("compiling kernels" in one for one in first)
+    assert MISTAKES[line] in told and "live: " in told
+    assert not list(tmp_path.iterdir())
+
+
+# What it shows --------------------------------------------------------------------------------------------------------
+
+
+def test_states_of_all_kinds_are_shown(page: Page) -> None:
+    nothing, stay = {"scores": np.full(7, np.nan), "log2_dets": np.full(3, np.nan)}, Motion.STAY
+    kinds = [
+        {}, {"points": np.full((12, 3), np.nan)}, {"camera": np.full(13, np.nan)}, {**nothing, "command": stay},
+        {"ellipses": np.tile(np.diag((1e12, -1.0)), (12, 1, 1))}, {"command": Motion.FORWARD},
+        {"ellipses": np.full((12, 2, 2), np.nan)}, {"camera_covariance": np.full((3, 3), np.nan)},
+        {"standing": Standing.WAITING, "follows": False},
+    ]  # fmt: skip
+    states = [replace(a_state(), frame=frame, **kind) for frame, kind in enumerate(kinds, 1)]
+    for state in (*states, a_state(11, 100), replace(a_state(12, 0), advised=np.zeros(7, int))):
+        page.draw(state)
+
+
+# The command ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGHUP, marks=pytest.mark.slow)])
+def test_ctrl_c_or_a_closed_terminal_ends_it_and_loses_nothing(tmp_path: Path, number: signal.Signals) -> None:
+    line = [sys.executable, "-m", "activeslam_gym", "live", "--port", "0", "--film", "--record", str(tmp_path / "run")]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(line, env=environment, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
+        assert process.stdout is not None
+        try:
+            said = process.stdout.readline()
+            assert "http://localhost:" in said and "this whole address is needed" in said
+            frames = tmp_path / "run" / "states.jsonl"
+            until(lambda: frames.exists() and len(frames.read_text().splitlines()) > 20, 240.0)
+            os.killpg(process.pid, number)  # as a terminal does: to the page's process too
+            rest = process.stdout.read()
+            assert process.wait(60) == 0
+        finally:
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGKILL)
+    assert rest == f"Recorded in {tmp_path / 'run'}\n"
+    count = len(frames.read_text().splitlines())
+    assert len(np.loadtxt(tmp_path / "run" / "trajectory.tum")) == count
+    assert (tmp_path / "run" / "map.csv").stat().st_size > 100
+    assert cv2.VideoCapture(str(tmp_path / "run" / "film.mp4")).get(cv2.CAP_PROP_FRAME_COUNT) == count

@@ -1,0 +1,228 @@
+"""The live system without its page: advice, the simulated person, the state estimate, and a recording."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
+
+from activeslam_gym.camera import camera_of, change_of_view, pixel_from_camera_point
+from activeslam_gym.geometry import rotation_matrix
+from activeslam_gym.information.candidates import measurable_points
+from activeslam_gym.live.advice import CRITERION, best
+from activeslam_gym.live.session import Session
+from activeslam_gym.live.source import FOLLOW, NEVER, ROOM, STILL, Person, RecordedImages, RenderedRoom
+from activeslam_gym.live.state import Standing, State
+from activeslam_gym.motion import Motion, motion_of
+from activeslam_gym.vision.frontend import MATCHED
+from activeslam_gym.vision.target import CORNERS
+from tests.vision_scene import LENS, TARGET, image_from, pose_at
+
+HERE = pose_at((0.0, 0.0, 0.7))
+CALM = replace(ROOM, acceleration_std=0.0, angular_acceleration_std=0.0)
+
+
+@pytest.fixture(scope="module")
+def walk() -> tuple[Session, list[State]]:
+    """The first three seconds in a rendered room."""
+    session = Session(RenderedRoom(3), seed=3)
+    return session, [session.step() for _ in range(46)]
+
+
+def test_a_map_grows_and_the_camera_is_localised(walk: Any) -> None:
+    _, states = walk
+    last = states[-1]
+    assert [state.frame for state in states] == list(range(1, 47))
+    assert last.standing == Standing.TRACKING and last.landmarks >= last.mapped.sum() >= 6
+    assert np.linalg.norm(last.truth[:3] - last.camera[:3]) < 0.2
+    assert last.log2_dets[2] < states[2].log2_dets[2] - 100.0
+    assert MATCHED in last.outcomes
+    assert len(last.searched) == len(last.pixels) == len(last.ellipses) == len(last.outcomes)
+
+
+def test_a_command_a_second_is_the_best_of_seven(walk: Any) -> None:
+    _, states = walk
+    assert [state.advised.sum() for state in states] == [0] * 15 + [1] * 15 + [2] * 15 + [3]
+    for k in (15, 30, 45):
+        assert np.isfinite(states[k].scores).all() and states[k].command == best(states[k].scores)
+    assert CRITERION == ROOM.motion_criterion
+    assert best(np.zeros(7)) == best(np.array([1.0, 2.0, 0.0, np.nan, 0.0, 0.0, 0.0])) == Motion.STAY
+    assert best(np.array([1.0, 2.0, 0.0, 0.0, 0.0, 0.0, 1.5])) == Motion.BACKWARDS
+
+
+def test_the_same_seed_gives_the_same_run_after_a_restart(walk: Any) -> None:
+    session, states = walk
+    session.restart()
+    for state in states[:20]:
+        again = session.step()
+        np.testing.assert_array_equal(again.camera, state.camera)
+        np.testing.assert_array_equal(again.image, state.image)
+
+
+def in_view(point: np.ndarray, pose: np.ndarray) -> bool:
+    """Whether a point lies in the image from ``pose`` where nothing hides it."""
+    camera, p_C, z = camera_of(ROOM), rotation_matrix(pose[3:7]).T @ (point - pose[:3]), np.empty(2)
+    projected = p_C[2] > camera.minimum_depth and pixel_from_camera_point(camera, p_C, z)
+    return bool(projected and (z > 0.0).all() and (z < (camera.width, camera.height)).all())
+
+
+def test_only_measurements_that_the_front_end_would_take_are_foreseen(walk: Any) -> None:
+    """Of features those from familiar sides, and of expected landmarks as many as there is room for beside them."""
+    session, _ = walk
+    session.restart()
+    for _ in range(4):  # early, while more is expected than there is room for
+        session.step()
+    belief, settings, left_out = session.expected.predicted_belief(), session.front_end.settings, np.zeros(2, int)
+    known = len(belief.points) - belief.waiting
+    limits = belief.limits._replace(wanted=6)  # so that the room does not suffice
+    for way in ((0, 0, -0.3), (0, 0, 0), (0, 0, 0.3), (0.4, 0, 0), (0.8, 0, 0)):
+        pose = belief.camera.copy()
+        pose[:3] += way
+        there = np.array([in_view(point, pose) for point in belief.points])
+        seen = there & measurable_points(session.front_end.camera, belief._replace(limits=limits), pose)
+        change = np.array([change_of_view(*both) for both in zip(belief.first_seen, [pose] * known, belief.points)])
+        np.testing.assert_array_equal(seen[:known], there[:known] & (change <= settings.most_change))
+        room = max(limits.wanted - seen[:known].sum() - len(belief.fiducials), 0)
+        assert seen[known:].sum() == min(there[known:].sum(), room)
+        left_out += [(there & ~seen)[:known].sum(), (there & ~seen)[known:].sum()]
+    assert (left_out > 0).all()
+
+
+# The person -----------------------------------------------------------------------------------------------------------
+
+
+def person(habit: str = FOLLOW, scenario: Any = CALM, boxes: Any = (), seed: int = 0) -> Person:
+    places = np.reshape(np.array(boxes, float), (-1, 2, 3))
+    return Person(motion_of(scenario, 1.0), np.eye(1, 13, 3)[0], places, habit, np.random.default_rng(seed))
+
+
+def moved(who: Person, command: Motion) -> np.ndarray:
+    who.hear(command)
+    for _ in range(24):
+        who.move()
+    return who.state[:3]
+
+
+def test_a_person_goes_as_the_habit_says() -> None:
+    ways = ((0, 0, 0.3), (0, 0, -0.3), (-0.3, 0, 0), (0.3, 0, 0), (0, 0.3, 0), (0, -0.3, 0), (0, 0, 0))
+    for motion, way in zip(Motion, ways):  # the camera's x points left
+        np.testing.assert_allclose(moved(person(), motion), way, atol=0.03)
+    assert np.linalg.norm(moved(person(STILL), Motion.UP)) < 0.01
+    random = [moved(person(NEVER, seed=seed), Motion.UP) for seed in range(12)]
+    assert len({tuple(np.sign(np.round(way, 1))) for way in random}) >= 4
+
+
+def test_a_person_keeps_away_from_boxes_and_a_hand_trembles_and_stays_level() -> None:
+    who = person(boxes=[[(-1, -1, 0.6), (1, 1, 0.9)]])
+    for _ in range(4):
+        moved(who, Motion.FORWARD)
+    assert 0.0 < who.state[2] < 0.3
+    who = person(STILL, ROOM)
+    states = np.array([who.move() for _ in range(600)])
+    assert 0.001 < np.std(states[:, 1]) < 0.02 and np.abs(states[:, [4, 6]]).max() < 0.03
+
+
+# How it goes ----------------------------------------------------------------------------------------------------------
+
+
+class Dark(RenderedRoom):
+    """The lamps go out after two seconds."""
+
+    def next(self) -> Any:
+        time, image = super().next()
+        return time, image if time < 2.0 else np.zeros_like(image)
+
+
+def test_a_camera_in_the_dark_is_lost() -> None:
+    session = Session(Dark(1))
+    standings = [session.step().standing for _ in range(50)]
+    assert standings[28] == Standing.TRACKING and standings[-1] == Standing.LOST
+
+
+class Late(RenderedRoom):
+    """The target is not there before the fifth image; then there are ten more."""
+
+    is_camera = True
+
+    def start(self, image: np.ndarray) -> Any:
+        if self._frame < 5:
+            raise ValueError("no target")
+        return super().start(image)
+
+    def next(self) -> Any:
+        return super().next() if self._frame < 15 else None
+
+
+def test_it_waits_for_the_target_and_tells_when_no_image_is_left() -> None:
+    session = Session(Late(1))
+    states = [session.step() for _ in range(18)]
+    expected = [Standing.WAITING] * 5 + [Standing.TRACKING] * 11 + [Standing.OVER] * 2
+    assert [state.standing for state in states] == expected
+    assert "no target" in states[0].words and states[5].time == 0.0 and states[5].frame == 1
+
+
+def test_a_recorded_sequence_is_followed_and_advised_at_its_rate(tmp_path: Path) -> None:
+    corners, camera = np.empty((4, 2)), camera_of(LENS.scenario())
+    places = [pose_at((0.05 + 0.004 * k, 0.03, 0.69)) for k in range(10)]
+    for z, point in zip(corners, TARGET.fiducials):
+        pixel_from_camera_point(camera, rotation_matrix(places[0][3:]).T @ (point - places[0][:3]), z)
+    names = dict(zip(CORNERS, np.rint(corners).tolist()))
+    target = {"kind": "rectangle", "width": TARGET.width, "height": TARGET.height, "corners_px": names}
+    (tmp_path / "lens.json").write_text(json.dumps(LENS._asdict()))
+    (tmp_path / "target.json").write_text(json.dumps(target))
+    for k, place in enumerate(places):
+        assert cv2.imwrite(str(tmp_path / f"{k:02d}.png"), image_from(place, target=True))
+    session = Session(RecordedImages(str(tmp_path), tmp_path / "lens.json", tmp_path / "target.json", 5.0))
+    states = [session.step() for _ in range(11)]
+    assert [state.standing for state in states] == [Standing.TRACKING] * 10 + [Standing.OVER]
+    assert np.linalg.norm(states[9].camera[:3] - places[9][:3]) < 0.02
+    assert states[9].advised.sum() == 1 and np.isfinite(states[9].scores).all()  # five images a second
+    assert states[9].follows is None and states[9].truth is None
+    session.restart()
+    assert session.step().frame == 1
+    with pytest.raises(ValueError, match="rate must be a positive number of images a second, got 0.0"):
+        RecordedImages(str(tmp_path), tmp_path / "lens.json", tmp_path / "target.json", 0.0)
+
+
+# Recordings -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[State]]:
+    """A run of 20 images in a folder, not closed: as it is when the process is killed."""
+    folder = tmp_path_factory.mktemp("live") / "run"
+    show = Session(RenderedRoom(2), 2, folder)
+    states = [show.step() for _ in range(20)]
+    show._recording = None  # what is on disk must be enough
+    return folder, states
+
+
+def test_a_recording_that_was_cut_off_has_its_images_states_trajectory_and_log(recorded: Any) -> None:
+    folder, states = recorded
+    poses = np.loadtxt(folder / "trajectory.tum")
+    np.testing.assert_allclose(poses[:, 1:4], [state.camera[:3] for state in states], atol=1e-6)
+    assert len((folder / "frames.csv").read_text().splitlines()) == 20  # a header, and all images but the first
+    assert len(list((folder / "images").iterdir())) == 20
+    for line, state in zip((folder / "states.jsonl").read_text().splitlines(), states, strict=True):
+        kept = json.loads(line)
+        assert kept["frame"] == state.frame and kept["command"] == state.command
+        np.testing.assert_allclose(np.reshape(kept["points"], (-1, 3)), state.points, rtol=1e-5, atol=1e-9)
+
+
+def test_a_restart_has_a_folder_of_its_own_and_none_is_written_over(tmp_path: Path) -> None:
+    show = Session(RenderedRoom(2), 2, tmp_path, film=True)
+    show.step()
+    show.restart()
+    show.step()
+    assert "Saved in" in show.save()
+    show.close()
+    assert {path.name for path in tmp_path.iterdir()} >= {"map.csv", "trajectory.tum", "2"}
+    assert (tmp_path / "2" / "map.csv").exists()
+    assert cv2.VideoCapture(str(tmp_path / "film.mp4")).read()[1].shape == (480, 1280, 3)
+    assert (tmp_path / "2" / "film.mp4").exists()
+    with pytest.raises(OSError, match="holds a live recording already"):
+        Session(RenderedRoom(2), 2, tmp_path)

@@ -1,0 +1,248 @@
+"""Layout of the belief: appending, removing and converting leave the rest alone; the public belief is T P T^T."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from activeslam_gym.motion import CAMERA_DIM
+from activeslam_gym.slam import belief as layout
+from activeslam_gym.slam.belief import INVERSE_DEPTH, KIND_DIM, POINT, RAY, Belief
+from activeslam_gym.slam.kalman import MINIMUM_INVERSE_DEPTH, propagate, shift_mean, update_covariance
+from activeslam_gym.slam.map import append_feature, convert_to_point, remove_feature, room_for
+from tests import support
+from tests.support import (
+    copied,
+    features_of,
+    joint_covariance,
+    mean_difference,
+    random_spd,
+    rows_of,
+    turn_of_everything,
+)
+
+MIXES = [
+    [],
+    [POINT],
+    [INVERSE_DEPTH],
+    [POINT, INVERSE_DEPTH, POINT, INVERSE_DEPTH, INVERSE_DEPTH, POINT],
+    [RAY, POINT, RAY, POINT],
+]
+every_mix = pytest.mark.parametrize("kinds", MIXES, ids=str)
+
+
+def belief_of(kinds: list[int], seed: int = 0) -> Belief:
+    return support.random_belief(support.scenario_for(kinds), kinds, np.random.default_rng(seed))
+
+
+def public(belief: Belief) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 3) and covariance of the public belief."""
+    F = len(belief.feature)
+    points, P = np.full((F, 3), np.nan), np.full((CAMERA_DIM + 3 * F, CAMERA_DIM + 3 * F), np.nan)
+    n = layout.point_belief(belief, points, P)
+    return points[:n], P[: CAMERA_DIM + 3 * n, : CAMERA_DIM + 3 * n]
+
+
+def as_point(belief: Belief, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Feature ``k`` as a point (3,), its Jacobian (3, width), and what a ray's particles add along it (3, 3)."""
+    feature, T = belief.feature[k], np.empty((3, 6))
+    y = layout.point_of(belief, k, T)
+    m = layout.bearing(*feature.mean[3:5])[0]
+    along = feature.depth_var * np.outer(m, m) if feature.kind == RAY else np.zeros((3, 3))
+    return y, T[:, : KIND_DIM[feature.kind]], along
+
+
+def append(belief: Belief, kind: int, mean=(0, 0, 0, 0, 0, 0.5), J: np.ndarray | None = None) -> int:
+    """Add a feature that the camera's tangent has nothing to do with, or by ``J``."""
+    width = KIND_DIM[kind]
+    J = np.zeros((width, 12)) if J is None else J
+    return append_feature(belief, kind, np.array(mean, float), J, 0.01 * np.eye(width))
+
+
+def assert_well_laid(belief: Belief) -> None:
+    """Blocks follow each other by age, without gaps, and the covariance in use is symmetric to the bit."""
+    features = features_of(belief)
+    widths = [KIND_DIM[kind] for kind in features["kind"]]
+    assert features["start"].tolist() == [CAMERA_DIM + sum(widths[:k]) for k in range(len(widths))]
+    assert belief.state.dim == CAMERA_DIM + sum(widths)
+    assert (np.diff(features["id"]) > 0).all() and (features["id"] <= belief.state.initialised).all()
+    assert len(set(features["slot"]) & set(range(len(belief.feature)))) == len(features)
+    P = joint_covariance(belief)
+    np.testing.assert_array_equal(P, P.T)
+
+
+def test_angles_undo_the_bearing_everywhere() -> None:
+    J = np.empty((2, 3))
+    for angles, m in (((0, 0), (0, 0, 1)), ((np.pi / 2, 0), (1, 0, 0)), ((0.3, np.pi / 2), (0, 1, 0))):
+        np.testing.assert_allclose(layout.bearing(*angles)[0], m, atol=1e-15)
+    for angles in itertools.product(np.linspace(-3.1, 3.1, 13), np.linspace(-1.5, 1.5, 7)):
+        np.testing.assert_allclose(layout.angles_of(2.5 * np.array(layout.bearing(*angles)[0]), J), angles, atol=1e-12)
+    assert np.isfinite(layout.angles_of(np.array([0.0, 1.0, 0.0]), J)).all() and np.isfinite(J).all()  # straight up
+
+
+@pytest.mark.parametrize("kind", [RAY, INVERSE_DEPTH, POINT])
+def test_depth_ratio_is_sigma_over_depth(kind: int) -> None:
+    belief = belief_of([kind])
+    feature, rows = belief.feature[0], rows_of(belief, 0)
+    P, sight = joint_covariance(belief)[np.ix_(rows, rows)], feature.mean[:3] - belief.state.camera[:3]
+    expected = {
+        RAY: lambda: np.sqrt(feature.depth_var) / feature.depth,
+        INVERSE_DEPTH: lambda: np.sqrt(P[5, 5]) / feature.mean[5],
+        POINT: lambda: np.sqrt(sight @ P @ sight) / (sight @ sight),
+    }
+    assert layout.depth_ratio(belief, 0) == pytest.approx(expected[kind](), rel=1e-12)
+
+
+@every_mix
+def test_a_new_feature_gets_its_covariance_and_leaves_the_rest(kinds: list[int]) -> None:
+    """P_yx = J P_cx, P_yy = J P_cc J^T + Q."""
+    rng = np.random.default_rng(1)
+    belief = belief_of(kinds)
+    before, J, Q = joint_covariance(belief), rng.standard_normal((6, 12)), random_spd(rng, [0.1] * 6)
+    k = append_feature(belief, INVERSE_DEPTH, np.arange(6.0), J, Q)
+    G = np.zeros((6, len(before)))
+    G[:, :12] = J
+    whole = np.block([[before, before @ G.T], [G @ before, G @ before @ G.T + Q]])
+    np.testing.assert_array_equal(joint_covariance(belief)[: len(before), : len(before)], before)
+    np.testing.assert_allclose(joint_covariance(belief), whole, rtol=1e-11, atol=1e-14)
+    assert k == len(kinds) == belief.state.count - 1 and belief.feature[k].kind == INVERSE_DEPTH
+    np.testing.assert_array_equal(belief.feature[k].mean, np.arange(6.0))
+    assert_well_laid(belief)
+
+
+@pytest.mark.parametrize("gone", range(6))
+def test_removing_a_feature_marginalises_it_out(gone: int) -> None:
+    belief = belief_of(MIXES[3])
+    before, rest = joint_covariance(belief), np.delete(features_of(belief), gone)
+    kept = np.setdiff1d(np.arange(len(before)), rows_of(belief, gone))
+    remove_feature(belief, gone)
+    np.testing.assert_array_equal(joint_covariance(belief), before[np.ix_(kept, kept)])
+    assert_well_laid(belief)
+    rest["start"] = features_of(belief)["start"]
+    np.testing.assert_array_equal(features_of(belief), rest)
+
+
+@pytest.mark.parametrize(
+    ("kinds", "which"), [(MIXES[3], 1), (MIXES[3], 4), (MIXES[4], 0), (MIXES[4], 2), ([INVERSE_DEPTH], 0)]
+)
+def test_converting_a_feature_is_its_jacobian_on_the_joint_covariance(kinds: list[int], which: int) -> None:
+    belief = belief_of(kinds)
+    rows, before, means = rows_of(belief, which), joint_covariance(belief), features_of(belief)["mean"].copy()
+    y, block, along = as_point(belief, which)
+    T = np.delete(np.eye(len(before)), rows[3:], axis=0)
+    T[np.ix_(rows[:3], rows)] = block
+    expected = T @ before @ T.T
+    expected[np.ix_(rows[:3], rows[:3])] += along
+    convert_to_point(belief, which)
+    np.testing.assert_allclose(joint_covariance(belief), expected, rtol=1e-11, atol=1e-14)
+    means[which] = [*y, 0, 0, 0]
+    np.testing.assert_allclose(features_of(belief)["mean"], means, rtol=1e-15)
+    assert belief.feature[which].kind == POINT
+    assert_well_laid(belief)
+
+
+def test_many_births_and_deaths_keep_the_layout() -> None:
+    rng = np.random.default_rng(3)
+    belief = belief_of(MIXES[3])
+    for _ in range(300):
+        choice, count = rng.integers(3), int(belief.state.count)
+        if choice == 0 and room_for(belief, 6):
+            append(belief, INVERSE_DEPTH, J=rng.standard_normal((6, 12)))
+        elif choice == 1 and count:
+            remove_feature(belief, rng.integers(count))
+        elif choice == 2 and count:
+            k = rng.integers(count)
+            if belief.feature[k].kind != POINT:
+                convert_to_point(belief, k)
+        assert_well_laid(belief)
+
+
+def test_a_full_belief_says_so_and_a_slot_is_used_again() -> None:
+    belief = belief_of([])
+    while room_for(belief, 6):
+        append(belief, INVERSE_DEPTH, np.full(6, 0.5))
+    assert belief.state.count >= 24
+    for k in range(belief.state.count):
+        convert_to_point(belief, k)
+    while room_for(belief, 3):
+        append(belief, POINT)
+    assert belief.state.count == len(belief.feature)
+    assert_well_laid(belief)
+    belief = belief_of([POINT, POINT, POINT])
+    first = belief.feature[0].copy()
+    remove_feature(belief, 0)
+    again = belief.feature[append(belief, POINT)]
+    assert again.slot == first.slot and again.id > first.id
+    assert features_of(belief)["id"].tolist()[-1] == again.id
+    assert_well_laid(belief)
+
+
+@every_mix
+def test_public_covariance_is_T_P_Tt(kinds: list[int]) -> None:  # noqa: N802
+    belief = belief_of(kinds)
+    points, P = public(belief)
+    T, extra = np.zeros((len(P), belief.state.dim)), np.zeros(P.shape)
+    T[:CAMERA_DIM, :CAMERA_DIM] = np.eye(CAMERA_DIM)
+    for k in range(len(kinds)):
+        at, P_y = slice(12 + 3 * k, 15 + 3 * k), np.empty((3, 3))
+        y, T[at, rows_of(belief, k)], extra[at, at] = as_point(belief, k)
+        np.testing.assert_allclose(points[k], y)
+        np.testing.assert_allclose(layout.point_marginal(belief, k, P_y), y)
+        np.testing.assert_allclose(P_y, P[at, at], rtol=1e-10, atol=1e-14)
+    np.testing.assert_allclose(P, T @ joint_covariance(belief) @ T.T + extra, rtol=1e-10, atol=1e-14)
+    np.testing.assert_allclose(P, P.T, rtol=1e-12, atol=1e-16)
+    np.linalg.cholesky(P)
+
+
+@every_mix
+def test_shifting_the_mean_adds_the_tangent_but_leaves_an_inverse_depth_positive(kinds: list[int]) -> None:
+    before = belief_of(kinds)
+    after, delta = copied(before), 0.05 * np.random.default_rng(2).standard_normal(before.state.dim)
+    shift_mean(after, delta)
+    np.testing.assert_allclose(mean_difference(after, before), delta, atol=1e-13)
+    for feature in features_of(after)[features_of(after)["kind"] == INVERSE_DEPTH]:
+        delta[feature["start"] + 5] = -10.0
+    shift_mean(after, delta)
+    features = features_of(after)
+    assert (features["mean"][features["kind"] == INVERSE_DEPTH, 5] == MINIMUM_INVERSE_DEPTH).all()
+
+
+@every_mix
+def test_propagation_is_the_textbooks(kinds: list[int]) -> None:
+    """The camera's rows by F and Q, the cross-covariances by F, and the map left alone."""
+    rng = np.random.default_rng(4)
+    belief = belief_of(kinds)
+    P, F, Q = joint_covariance(belief), rng.standard_normal((12, 12)), random_spd(rng, [0.1] * 12)
+    whole = np.eye(len(P))
+    whole[:12, :12] = F
+    expected = whole @ P @ whole.T
+    expected[:12, :12] += Q
+    propagate(belief.covariance, belief.state.dim, F, Q)
+    np.testing.assert_allclose(joint_covariance(belief), expected, rtol=1e-11, atol=1e-14)
+    assert_well_laid(belief)
+
+
+@pytest.mark.parametrize("kinds", MIXES[1:], ids=str)
+def test_a_turn_of_camera_and_map_stays_as_uncertain_as_it_was(kinds: list[int]) -> None:
+    """A belief that knows all but such a turn knows nothing of it after a shift of its mean: P+ = N+ N+^T."""
+    belief = belief_of(kinds)
+    dim = belief.state.dim
+    N = turn_of_everything(belief)
+    belief.covariance[:dim, :dim] = N @ N.T
+    delta = 0.1 * np.random.default_rng(1).standard_normal(dim)
+    delta[3:6] = 0.0
+    shift_mean(belief, delta)
+    update_covariance(belief, np.zeros((0, len(delta))), delta)
+    N = turn_of_everything(belief)
+    np.testing.assert_allclose(joint_covariance(belief), N @ N.T, atol=1e-12)
+
+
+def test_conversion_does_not_change_the_public_belief() -> None:
+    belief = belief_of(MIXES[3])
+    points, P = public(belief)
+    for k, kind in enumerate(MIXES[3]):
+        if kind != POINT:
+            convert_to_point(belief, k)
+    points_after, P_after = public(belief)
+    np.testing.assert_allclose(points_after, points, rtol=1e-14)
+    np.testing.assert_allclose(P_after, P, rtol=1e-10, atol=1e-14)

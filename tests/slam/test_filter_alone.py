@@ -1,0 +1,269 @@
+"""`Filter` without an environment: its rounds, its messages, and that an environment's belief is its belief."""
+
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from activeslam_gym import Gaze, Motion
+from activeslam_gym.config import DEPTH_PARTICLES, INVERSE_DEPTH
+from activeslam_gym.envs.active_slam import ActiveSLAMEnv
+from activeslam_gym.geometry import rotate_left
+from activeslam_gym.motion import accelerations, turn_of
+from activeslam_gym.slam.appearance import wander
+from activeslam_gym.slam.belief import INVERSE_DEPTH as INVERSE_DEPTH_KIND
+from activeslam_gym.slam.belief import POINT, fiducial_id, point_of
+from activeslam_gym.slam.detection import NEW
+from activeslam_gym.slam.filter import Filter, detections_of
+from activeslam_gym.slam.map import convert_to_point
+from activeslam_gym.slam.restart import restart
+from activeslam_gym.slam.sight import INSIDE
+from tests.support import CAMERA, PAPER, joint_covariance, pixel_of, random_camera, random_spd, simulation_of
+
+R_PAPER = CAMERA.pixel_std**2 * np.eye(2)
+
+
+def sure_filter(**given) -> Filter:
+    """A filter that knows its pose."""
+    return Filter(PAPER, covariance=1e-8 * np.eye(12), **given)
+
+
+def test_it_begins_with_the_prior_or_with_what_it_is_given() -> None:
+    rng = np.random.default_rng(0)
+    camera, P = random_camera(rng), random_spd(rng, [0.1] * 12)
+    own = Filter(camera=camera, covariance=P)
+    np.testing.assert_array_equal(own.mean, camera)
+    np.testing.assert_array_equal(own.points()[1], P)
+    assert own.ids.shape == (0,) and own.points()[0].shape == (0, 3)
+    assert len(own.sight().point) == 0
+    scenario = replace(PAPER, position_std=(0.1, 0.2, 0.3), velocity_std=0.5, angular_velocity_std=0.6)
+    other = Filter(replace(scenario, orientation_std=0.4))
+    np.testing.assert_array_equal(other.mean, [0, 0, 0, 1] + [0] * 9)
+    np.testing.assert_allclose(other.points()[1], np.diag([0.1, 0.2, 0.3] + [0.4] * 3 + [0.5] * 3 + [0.6] * 3) ** 2)
+
+
+def test_a_feature_is_born_seen_again_and_forgotten() -> None:
+    filter = sure_filter()
+    first, second = filter.add_landmark([100.0, 80.0]), filter.add_landmark((200.0, 120.0), R=0.5 * R_PAPER)
+    assert filter.ids.tolist() == [first, second] == [1, 2]
+    filter.predict()
+    point = filter.sight().point
+    assert point["id"].tolist() == [1, 2] and point[0].id == 1 and point[0].visibility == INSIDE
+    np.testing.assert_allclose(point[0].z_hat, [100.0, 80.0], atol=1e-6)
+    np.testing.assert_allclose(filter.sight().S, filter.sight().S.T)
+    before = np.linalg.slogdet(filter.points()[1])[1]
+    found = filter.update(detections_of([[201.0, 121.0], [99.0, 81.0], [20.0, 20.0]], R_PAPER))
+    assert found.tolist() == [2, 1, NEW]
+    assert np.linalg.slogdet(filter.points()[1])[1] < before
+    filter.delete(first)
+    assert filter.ids.tolist() == [2] and filter.sight().point["id"].tolist() == [2]
+    with pytest.raises(KeyError, match=r"no feature with id 1; there are \[2\]"):
+        filter.delete(first)
+    with pytest.raises(KeyError, match="no feature with id -1"):
+        filter.delete(fiducial_id(0))
+    assert filter.add_landmark([100.0, 80.0]) == 3
+
+
+def test_a_belief_is_resumed_as_it_is_given_and_predicts_pixels_by_it() -> None:
+    rng, points = np.random.default_rng(4), np.array(((0.1, 0.05, 0.8), (-0.2, 0.1, 0.4)))
+    filter, camera, P = sure_filter(), random_camera(rng), random_spd(rng, np.full(18, 0.01))
+    filter.add_landmark([100.0, 80.0])
+    assert filter.resume(camera, points, P).tolist() == filter.ids.tolist() == [1, 2]
+    np.testing.assert_array_equal(filter.mean, camera)
+    np.testing.assert_array_equal(filter.camera_covariance, P[:12, :12])
+    seen, joint = filter.points()
+    m = np.array([(np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)) for a, e, _ in points])
+    np.testing.assert_allclose(seen, m / points[:, 2:], atol=1e-12)
+    assert np.linalg.eigvalsh(joint).min() > -1e-12
+    assert np.abs(joint[12:, :12]).max() > 1e-7, "the camera and the points are correlated"
+    assert filter.add_landmark([100.0, 80.0]) == 3
+    with pytest.raises(ValueError, match="covariance must be numbers of shape"):
+        filter.resume(camera, points, np.eye(15))
+    with pytest.raises(ValueError, match=f"points must be {filter.capacity} at most"):
+        filter.resume(camera, np.ones((filter.capacity + 1, 3)), P)
+
+
+def test_what_is_missed_too_often_is_forgotten_and_counted() -> None:
+    filter = sure_filter()
+    filter.add_landmark([160.0, 120.0])
+    for _ in range(PAPER.maximum_misses):
+        assert filter.ids.tolist() == [1]
+        filter.predict()
+        filter.update([])
+    assert len(filter.ids) == 0 and filter.counts.deletions == 1 and filter.belief.state.dim == 12
+
+
+def test_labelled_detections_are_taken_at_their_word() -> None:
+    """Two fiducials, swapped in the image: only their ids tell, and the filter follows them."""
+    filter = Filter(replace(PAPER, orientation_std=0.3), fiducials=[[0.3, 0.0, 2.0], [-0.3, 0.0, 2.0]])
+    turned = np.zeros(13)
+    turned[3:7] = rotate_left(np.array([0.0, 0.0, 0.4]), np.array([1.0, 0, 0, 0]))
+    pixels = [pixel_of(CAMERA, turned, y) for y in filter.fiducials]
+    found = filter.update(detections_of(pixels, R_PAPER, ids=[-1, -2]), labelled=True)
+    assert found.tolist() == [-1, -2]
+    for z, point in zip(pixels, filter.sight().point, strict=True):
+        np.testing.assert_allclose(point.z_hat, z, atol=4.0)
+
+
+def test_time_steps_may_differ_from_call_to_call() -> None:
+    """Without a command two halves move the mean as the whole does; noise enters once a step, so P is another."""
+    whole, halves = (Filter(camera=random_camera(np.random.default_rng(1))) for _ in range(2))
+    for filter, count in ((whole, 1), (halves, 2)):
+        for _ in range(count):
+            filter.predict(dt=0.3 / count)
+    np.testing.assert_allclose(halves.belief.state.camera, whole.belief.state.camera, atol=1e-14)
+    gained, gained_halves = (joint_covariance(f.belief)[6, 6] - PAPER.velocity_std**2 for f in (whole, halves))
+    np.testing.assert_allclose(gained, 2.0 * gained_halves)
+
+
+def test_images_of_biased_fiducials_at_rest_are_worth_one_measurement_with_the_bias_in_its_noise() -> None:
+    """n measurements of one bias are one of covariance R / n + b^2: P - P H^T (H P H^T + R / n + b^2 I)^-1 H P."""
+    std, n = 0.3, 9
+    filter = Filter(replace(PAPER, position_std=(1e-3,) * 3, orientation_std=1e-3), fiducials=[[0.3, 0.1, 2.0]])
+    filter.add_landmark([100.0, 80.0])
+    P = filter.points()[1]
+    point = filter.sight().point[0].copy()
+    filter.draw_bias(0, std)
+    np.testing.assert_allclose(filter.points()[1], P, rtol=1e-12, atol=1e-18)
+    for _ in range(n):
+        filter.update(detections_of([point.z_hat], R_PAPER, ids=[-1]), labelled=True)
+    H = np.hstack((point.H_camera, np.zeros((2, P.shape[0] - 6))))
+    S = H @ P @ H.T + R_PAPER / n + std**2 * np.eye(2)
+    np.testing.assert_allclose(filter.points()[1], P - P @ H.T @ np.linalg.solve(S, H @ P), rtol=1e-3, atol=1e-12)
+    assert filter.belief.covariance[12, 12] < 0.9 * std**2
+    filter.draw_bias(0, std)
+    left = joint_covariance(filter.belief)[12:14]
+    np.testing.assert_allclose(left[:, 12:14], std**2 * np.eye(2))
+    assert np.count_nonzero(left) == 2, "a new bias is independent of the state"
+    restart(filter.models.filter.restart, filter.belief)
+    assert filter.belief.state.dim == 14 and filter.belief.covariance[12, 12] == std**2
+    np.testing.assert_array_equal(filter.belief.covariance[:12, 12:14], 0.0)
+
+
+def test_a_bias_of_no_deviation_changes_nothing() -> None:
+    """A run with initialisations, conversions and a deletion after the bias is that of the filter without one."""
+    runs, seen = [], list[np.ndarray]()
+    for biased in (False, True):
+        rng = np.random.default_rng(1)
+        filter = sure_filter(fiducials=[[0.3, 0.1, 2.0], [-0.4, 0.2, 2.2]])
+        for frame in range(30):
+            filter.predict()
+            if biased and frame == 5:
+                filter.draw_bias(0, 0.0)
+            if frame in (3, 8):
+                for pixel in rng.uniform((80.0, 60.0), (240.0, 180.0), (3, 2)):
+                    filter.add_landmark(pixel)
+            points = filter.sight().point
+            if not biased:
+                seen.append(points["z_hat"] + 0.3 * rng.standard_normal((len(points), 2)))
+            else:
+                rng.standard_normal((len(points), 2))
+            filter.update(detections_of(seen[frame], R_PAPER, ids=points["id"].tolist()), labelled=True)
+            if frame == 12:
+                convert_to_point(filter.belief, 1)
+            if frame == 20:
+                filter.delete(filter.ids[2])
+        runs.append((filter.mean, *filter.points()))
+    assert len(runs[0][1]) == 5
+    for alone, other in zip(*runs):
+        np.testing.assert_allclose(other, alone, rtol=1e-7, atol=1e-12)
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.9])
+def test_features_wander_as_their_view_changes(turned) -> None:
+    """A direction's variance, *as the camera sees it*, grows by drift^2 a radian: from near and far of where it was
+    first seen, high above, and as a point too; at rest it stays, and nothing else of P grows."""
+    scenario, first = replace(PAPER, initialisation=INVERSE_DEPTH), np.zeros(13)
+    first[3:7] = rotate_left(np.array([-turned, 0.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0]))
+    for nearer in (0.0, 1.2, -2.0):
+        for kind in (INVERSE_DEPTH_KIND, POINT):
+            filter = Filter(scenario, camera=first)
+            filter.add_landmark([190.0, 100.0])
+            y = filter.positions[0]
+            if kind == POINT:
+                convert_to_point(filter.belief, 0)
+            state = filter.belief.state.camera
+            state[:3] += nearer * y / np.linalg.norm(y)
+            before = joint_covariance(filter.belief).copy()
+            wander(filter.belief, 0.01, 0.1)
+            np.testing.assert_array_equal(joint_covariance(filter.belief), before)  # at rest
+            state[7:10] = (0.0, 0.3, 0.0)
+            wander(filter.belief, 0.01, 0.1)
+            grown = joint_covariance(filter.belief) - before
+            assert np.count_nonzero(grown) == (3 if kind == POINT else 2)
+            distance, sight = np.linalg.norm(y - state[:3]), y / np.linalg.norm(y)
+            T = np.zeros((3, 6))
+            point_of(filter.belief, 0, T)
+            width = 3 if kind == POINT else 6
+            spread = T[:, :width] @ grown[12:, 12:] @ T[:, :width].T / distance**2  # [rad^2]
+            across = np.linalg.svd(sight[None])[2][1:]
+            np.testing.assert_allclose(across @ spread @ across.T, 1e-4 * 0.03 / distance * np.eye(2), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda f: Filter(camera=np.zeros(12)), r"camera must be numbers of shape \(13,\)"),
+        (lambda f: Filter(fiducials=[[1.0, np.nan, 3.0]]), "fiducials must be finite"),
+        (lambda f: Filter(boxes=np.zeros((1, 3, 2))), r"boxes must be .* \(n, 2, 3\)"),
+        (lambda f: f.predict(np.zeros(3)), r"u must be .* \(6,\)"),
+        (lambda f: f.predict("fast"), "u must be .* got 'fast'"),
+        (lambda f: f.predict(dt=0.0), "dt must be a positive number of seconds, got 0.0"),
+        (lambda f: f.predict(drift=-0.1), "drift must be a number of radians that is not negative, got -0.1"),
+        (lambda f: Filter(fiducials=np.ones((5, 3))).draw_bias(0, 0.1), "at most 4 fiducials may have biases"),
+        (lambda f: Filter(fiducials=np.ones((2, 3))).draw_bias(-1, 0.1), "k must be in 0 … 1, got -1"),
+        (
+            lambda f: Filter(fiducials=np.ones((2, 3))).draw_bias(1, np.nan),
+            "std must be zero or a positive number, got nan",
+        ),
+        (lambda f: f.add_landmark(None), r"pixel must be .* \(2,\), got None"),
+        (lambda f: f.add_landmark([1.0, 2.0], np.eye(3)), r"R must be .* \(2, 2\)"),
+        (lambda f: f.update([[1.0, 2.0]]), "detections must be of type DETECTION"),
+        (lambda f: f.update(detections_of([[1.0, np.inf]])), "detections must have finite pixels"),
+    ],
+)
+def test_bad_inputs_are_named_and_change_nothing(call, message: str) -> None:
+    filter = Filter()
+    with pytest.raises(ValueError, match=message):
+        call(filter)
+    assert filter.belief.state == Filter().belief.state
+    np.testing.assert_array_equal(filter.belief.covariance, Filter().belief.covariance)
+
+
+@pytest.mark.parametrize("initialisation", [INVERSE_DEPTH, DEPTH_PARTICLES])
+def test_fed_an_environments_detections_it_holds_the_environments_belief(initialisation: str) -> None:
+    """Predict, sight, update, and the initialisations that `follow_tracks` decides: bit for bit, over three seconds."""
+    scenario = replace(PAPER, initialisation=initialisation, clutter_rate=1.0, missed_detection_probability=0.05)
+    env = gym.make("ActiveSLAM-v0", scenario=scenario, gaze_period=0.05).unwrapped
+    assert isinstance(env, ActiveSLAMEnv)
+    env.reset(seed=5)
+    run, filter = simulation_of(env), Filter(scenario, fiducials=env.truth.fiducials)
+    motion, control = run.models.motion, run.episode.control
+    for frame in range(60):
+        action = (Motion.LEFT, Gaze.LEFT) if frame < 30 else (Motion.FORWARD, Gaze.STAY)
+        env.step(action)
+        begun = (control.frames - 1) * motion.dt
+        turn = turn_of(motion, int(action[1]), frame * motion.dt)
+        u = accelerations(motion, filter.belief.state.camera, control.start, control.goal, begun, turn)
+        filter.predict(u, scenario.frame_time)
+        detections = run.detections[: run.episode.detection_count].copy()
+        detections["match"] = filter.update(detections)
+        filter.initialise(detections)
+        np.testing.assert_array_equal(detections["match"], run.detections["match"][: run.episode.detection_count])
+        assert filter.belief.state == run.ekf.state
+    assert filter.belief.state.initialised > 5
+    for own, its in zip(filter.belief, run.ekf, strict=True):
+        np.testing.assert_array_equal(own, its)
+    points, P = filter.points()
+    np.testing.assert_array_equal(points, env.belief.landmarks)
+    np.testing.assert_array_equal(P, env.belief.covariance)
+    np.linalg.cholesky(P)
+
+
+def test_a_full_map_initialises_no_feature_and_known_boxes_hide_fiducials() -> None:
+    filter = Filter(replace(PAPER, landmark_count=1))
+    assert [filter.add_landmark([10.0 * k, 100.0]) for k in range(20)] == [*range(1, 15), *[0] * 6]
+    behind, beside = [0.0, 0.0, 2.0], [0.8, 0.0, 2.0]
+    filter = Filter(fiducials=[behind, beside], boxes=[[[-0.1, -0.5, 1.0], [0.1, 0.5, 1.2]]])
+    assert filter.sight().point["id"].tolist() == [fiducial_id(1)]

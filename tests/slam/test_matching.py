@@ -1,0 +1,205 @@
+"""Joint matching, and the way back out of starvation: by what they must obey."""
+
+import itertools
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike
+from scipy.linalg import block_diag
+from scipy.stats import multivariate_normal
+
+from activeslam_gym.config import Scenario
+from activeslam_gym.metrics import camera_error
+from activeslam_gym.slam.association import (
+    Hypotheses,
+    association_of,
+    expected_unmapped,
+    hypotheses,
+    match_jointly,
+    match_unknown,
+)
+from activeslam_gym.slam.belief import INVERSE_DEPTH, NEVER, POINT
+from activeslam_gym.slam.detection import NEW, REJECTED, UNASSOCIATED, WAITS, condition
+from activeslam_gym.slam.filter import Filter, detections_of
+from activeslam_gym.slam.sight import PREDICTED, Sight
+from tests.support import (
+    CAMERA,
+    PAPER,
+    moved,
+    pixel_of,
+    random_belief,
+    random_spd,
+    replaced,
+    sight_of,
+    world_points,
+)
+
+VAR = float(CAMERA.pixel_std**2)
+MODEL = replaced(association_of(PAPER), new_feature_gate=1e9, nodes=1000)
+"""Without a gate, so that every assignment is one, and with room for them."""
+STRANGERS = 1.5
+
+# Joint matching -----------------------------------------------------------------------------------------------------
+
+
+def open_hypotheses(z: np.ndarray, S: np.ndarray, detections: np.ndarray) -> Hypotheses:
+    """All are allowed; the camera's R is in ``S``."""
+    points = np.zeros(len(z) // 2, PREDICTED)
+    return hypotheses(points, z.copy(), S - VAR * np.eye(len(z)), detections)
+
+
+def scores_of_all(z: np.ndarray, S: np.ndarray, pixels: np.ndarray, unmapped: float) -> dict[tuple[int, ...], float]:
+    """The log likelihood of every assignment (detections or -1), of predictions in the middle of the image."""
+    n, M = len(z) // 2, len(pixels)
+    density, miss = unmapped / (PAPER.image_width * PAPER.image_height), np.log(1.0 - PAPER.detection_probability)
+    scores = {}
+    for answer in itertools.product(range(-1, M), repeat=n):
+        paired = [a for a in range(n) if answer[a] >= 0]
+        if len({answer[a] for a in paired}) == len(paired):
+            rows = [2 * a + axis for a in paired for axis in range(2)]
+            seen = np.array([pixels[answer[a]] for a in paired]).ravel()
+            joint = multivariate_normal.logpdf(seen, z[rows], S[np.ix_(rows, rows)]) if rows else 0.0
+            scores[answer] = joint - len(paired) * np.log(density) + (n - len(paired)) * miss
+    return scores
+
+
+def scene(seed: int, points: int, extra: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Predicted pixels in the middle with a common error, and detections: of most of them, and unmapped detections."""
+    rng = np.random.default_rng(seed)
+    z = np.array([160.0, 120.0] * points) + rng.uniform(-30, 30, 2 * points)
+    common = np.tile(np.eye(2), (points, 1)) * rng.uniform(5.0, 15.0)
+    S = common @ common.T + random_spd(rng, np.full(2 * points, 4.0)) + VAR * np.eye(2 * points)
+    seen = rng.multivariate_normal(z, S).reshape(-1, 2)[: max(1, points - seed % 2)]
+    return z, S, rng.permutation(np.concatenate((seen, rng.uniform((110, 70), (210, 170), (extra, 2)))))
+
+
+def matched_jointly(z: np.ndarray, S: np.ndarray, pixels: np.ndarray, **model: float) -> np.ndarray:
+    """(3,) the detection of each prediction or -1."""
+    detections, of_point = detections_of(pixels), np.full(3, -1)
+    h, points = (
+        open_hypotheses(z, S, detections),
+        np.zeros(3, PREDICTED),
+    )  # of fiducials, which have no id that is positive
+    constants, worth = replaced(MODEL, **model), 0.5 * MODEL.clutter_cost - np.log(STRANGERS)
+    assert match_jointly(constants, h, points, detections, worth, of_point)
+    return of_point
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_the_search_is_that_of_all_assignments(seed: int) -> None:
+    z, S, pixels = scene(seed, 3, seed % 3)
+    scores = scores_of_all(z, S, pixels, STRANGERS)
+    best, of_point = max(scores, key=scores.__getitem__), matched_jointly(z, S, pixels)
+    for a in range(3):
+        rival = max(score for answer, score in scores.items() if answer[a] != best[a])
+        assert of_point[a] == (best[a] if scores[best] - rival >= MODEL.margin else -1)
+
+
+def test_conditioning_is_the_gaussians() -> None:
+    """One after the other, each with an R of its own, as all at once by the textbook."""
+    rng = np.random.default_rng(5)
+    z, S, pixels = scene(3, 7, 0)
+    detections = detections_of(pixels)
+    detections["R"] = [random_spd(rng, np.ones(2)) for _ in detections]
+    h, partner = open_hypotheses(z, S, detections), {0: 2, 2: 0, 5: 1}
+    P, rest = h.S.copy(), np.repeat(~np.isin(np.arange(7), [*partner]), 2)
+    for a, i in partner.items():
+        condition(h.z, h.S, a, detections[i])
+    seen = [*partner.values()]
+    G = P[np.ix_(rest, ~rest)] @ np.linalg.inv(P[np.ix_(~rest, ~rest)] + block_diag(*detections["R"][seen]))
+    np.testing.assert_allclose(h.z[rest], z[rest] + G @ (pixels[seen].ravel() - z[~rest]), atol=1e-9)
+    expected = P[np.ix_(rest, rest)] - G @ P[np.ix_(~rest, rest)]
+    np.testing.assert_allclose(h.S[np.ix_(rest, rest)], expected, atol=1e-9)
+    assert np.abs(h.z[rest] - z[rest]).min() > 0.1
+
+
+def test_the_scenes_hold_accepted_and_ambiguous_detections() -> None:
+    found = np.concatenate([matched_jointly(*scene(seed, 3, seed % 3)) >= 0 for seed in range(40)])
+    assert 5 < found.sum() < len(found) - 5
+
+
+@pytest.mark.parametrize(("nodes", "found"), [(400, True), (2, False)])
+def test_where_the_nodes_run_out_nothing_is_accepted(nodes: int, found: bool) -> None:
+    assert (matched_jointly(*scene(1, 3, 0), nodes=nodes) >= 0).any() == found
+
+
+def test_unmapped_detections_are_of_landmarks_and_clutter() -> None:
+    model = association_of(Scenario(clutter_rate=2.0))
+    assert expected_unmapped(model, 0) == pytest.approx(0.15 * 30 + 2.0)
+    assert expected_unmapped(model, 40) == pytest.approx(0.3 + 2.0)
+
+
+def answered(
+    sight: Sight,
+    pixels: ArrayLike,
+    z_hat: ArrayLike,
+    S: np.ndarray,
+    ids: int = UNASSOCIATED,
+    scenario: Scenario = PAPER,
+) -> list[list]:
+    """The matches of detections at ``pixels``, and which predictions wait, with other pixels and covariances."""
+    sight.point["z_hat"], sight.S[:] = z_hat, S
+    detections = detections_of(pixels, ids=ids)
+    matches = match_unknown(association_of(scenario), sight, detections, 10)
+    return [detections["match"].tolist(), (matches == WAITS).tolist()]
+
+
+MIDDLE = (160.0, 120.0)
+
+
+@pytest.mark.parametrize(("seconds", "std", "matched"), [(1.0, 17.0, True), (1.0, 60.0, False), (11.0, 17.0, False)])
+def test_what_was_seen_lately_needs_less_of_a_lead(seconds: float, std: float, matched: bool) -> None:
+    """A lone detection in a wide ellipse was refused until the ellipse was so wide that the run was lost."""
+    belief = random_belief(PAPER, [POINT], np.random.default_rng(0))
+    belief.state.frame, belief.feature["born"][0] = 1000, -1
+    belief.feature["seen"][0] = 1000 - round(seconds / PAPER.frame_time)
+    match = belief.feature["id"][0] if matched else REJECTED
+    assert answered(sight_of(belief), [[162.0, 119.0]], MIDDLE, std**2 * np.eye(2)) == [[match], [not matched]]
+
+
+@pytest.mark.parametrize("kind", [INVERSE_DEPTH, POINT])
+def test_a_new_feature_near_which_two_were_seen_waits(kind: int) -> None:
+    """A feature of one landmark was matched to its neighbour in the first frame that missed the landmark."""
+    belief = random_belief(PAPER, [kind], np.random.default_rng(0))
+    belief.state.frame, belief.feature["born"][0], belief.feature["seen"][0] = 1000, 990, 999
+    sight, S, id = sight_of(belief), 2.5**2 * np.eye(2), belief.feature["id"][0]
+    both, one, frames = [[158.0, 120.0], [163.0, 121.0]], [[163.0, 121.0]], association_of(PAPER).crowded
+    assert answered(sight, both, MIDDLE, S) == [[REJECTED, REJECTED], [True]]
+    assert (sight.point["crowded"][0] == 0) == (kind == INVERSE_DEPTH)
+    for since in range(1, frames + 1):
+        sight.point["crowded"] = since if kind == INVERSE_DEPTH else NEVER
+        matched = kind == POINT or since == frames
+        assert answered(sight, one, MIDDLE, S) == [[id if matched else REJECTED], [not matched]]
+
+
+# The way back -------------------------------------------------------------------------------------------------------
+
+
+def test_a_filter_whose_ellipses_are_all_ambiguous_finds_its_way_back() -> None:
+    """Seven known points under ellipses so wide that each holds several detections, and the estimate far from true."""
+    count = 0
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        fiducials = world_points(rng, np.array([0.0, 0, 0, 1, 0, 0, 0]), 7, (1.5, 3.0))
+        filter = Filter(fiducials=fiducials, covariance=np.diag([0.2**2] * 3 + [0.08**2] * 3 + [1e-4] * 6))
+        error = np.array([0.25] * 3 + [0.1] * 3 + [0.0] * 6) * rng.choice([-1, 1], 12)
+        true = moved(filter.belief.state.camera, error)
+        pixels = np.array([pixel_of(CAMERA, true, y) for y in fiducials]) + 2.0 * rng.standard_normal((7, 2))
+        sight, detections = filter.sight(), detections_of(pixels)
+        several = open_hypotheses(sight.point["z_hat"].ravel(), sight.S, detections).d2 < 9.21
+        assert np.sum(several, axis=1).mean() > 2  # by its own ellipse, a prediction may be several
+        found = filter.update(detections)
+        used = (found != NEW) & (found != REJECTED)
+        assert (found[used] == -np.arange(1, 8)[used]).all()
+        left = camera_error(true, filter.belief.state.camera)[:6]
+        assert left @ np.linalg.solve(filter.belief.covariance[:6, :6], left) < 22.5  # 99.9 % of 6 dimensions
+        count += sum(used)
+    assert count > 0.75 * 12 * 7
+
+
+def test_two_points_of_which_nothing_tells_which_is_which_wait() -> None:
+    fiducials = np.array([[0.02, 0.0, 2.0], [-0.02, 0.0, 2.0]])
+    filter = Filter(fiducials=fiducials, covariance=np.diag([0.1**2] * 3 + [0.05**2] * 3 + [1e-4] * 6))
+    z = filter.sight().point["z_hat"]
+    pixels = z.mean(axis=0) + [[0.0, 3.0], [0.0, -3.0]]
+    assert filter.update(detections_of(pixels)).tolist() == [REJECTED, REJECTED]

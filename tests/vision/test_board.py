@@ -1,0 +1,231 @@
+"""The lens from pictures of a board, and a live camera."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
+
+from activeslam_gym.__main__ import main
+from activeslam_gym.geometry import quaternion_exp, rotation_matrix
+from activeslam_gym.vision import board
+from activeslam_gym.vision.board import View, find_board, fit_lens
+from activeslam_gym.vision.calibration import read_calibration
+from activeslam_gym.vision.drawing import printed, printed_value
+from activeslam_gym.vision.first_sight import seen_corners
+from activeslam_gym.vision.other_lenses import Lens, projected_by, read_lens
+from activeslam_gym.vision.sources import SourceError, images_of
+from activeslam_gym.vision.target import Board, target_from
+from activeslam_gym.vision.views import projected
+from tests.vision_scene import CAMERA, LENS, photographed, pose_at
+
+COLUMNS, ROWS, SQUARE = 7, 5, 0.03
+TURNS = [(0.0, 0.0, 0.0), (0.5, 0.1, 0.0), (-0.4, -0.3, 0.2), (0.1, 0.5, -0.2), (0.0, -0.5, 0.4)]
+POSES = [
+    pose_at(0.25 * rotation_matrix(quaternion_exp(np.array(turn)))[:, 2] + (0.02, 0.01, 0.0), turn) for turn in TURNS
+]
+"""The board is turned round from where it fills the image."""
+FLAT = np.full((240, 320), 99, np.uint8)
+
+
+def chessboard(X: np.ndarray) -> np.ndarray:
+    """Grey values of the plane at X (..., 2) [m]."""
+    i = np.floor(X[..., 0] / SQUARE + 0.5 * (COLUMNS + 1)).astype(int)
+    j = np.floor(X[..., 1] / SQUARE + 0.5 * (ROWS + 1)).astype(int)
+    on = (i >= 0) & (i <= COLUMNS) & (j >= 0) & (j <= ROWS)
+    return np.where(on & ((i + j) % 2 == 0), 30.0, 220.0)
+
+
+def charuco(X: np.ndarray) -> np.ndarray:
+    """The same of a ChArUco board of 7 x 5 squares."""
+    board = Board("charuco", COLUMNS, ROWS, SQUARE, 0.75 * SQUARE, "DICT_4X4_50")
+    return np.nan_to_num(printed_value(board, printed(board), X), nan=255.0)
+
+
+@pytest.mark.parametrize(("pattern", "std"), [(chessboard, 0.4), (charuco, 1.6)])
+def test_the_lens_is_recovered_from_pictures_of_a_board(pattern, std, tmp_path, capsys) -> None:
+    """``std`` [px]: of the principal point, as the fit itself has it."""
+    for k, pose in enumerate(POSES):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), photographed(pose, pattern))
+    options = ["--kind", pattern.__name__, "--columns", str(COLUMNS), "--rows", str(ROWS)]
+    assert main(["calibrate", "--images", str(tmp_path), *options, "--out", str(tmp_path / "lens.json")]) == 0
+    found, said = read_calibration(tmp_path / "lens.json"), capsys.readouterr().out
+    assert found.focal_px == pytest.approx(LENS.focal_px, rel=0.01)
+    assert found[3:5] == pytest.approx(LENS[3:5], abs=3.0 * std)
+    assert float(said.split("principal point (")[1].split()[2].rstrip(",")) < std
+    assert found.distortion == pytest.approx(LENS.distortion, rel=0.05)
+    assert float(said.split("residual ")[1].split()[0]) < 0.3
+
+
+POINTS = np.stack((*np.meshgrid(np.arange(7.0) - 3.0, np.arange(5.0) - 2.0), np.zeros((5, 7))), axis=-1).reshape(-1, 3)
+EXACT = [
+    (POINTS * (1.0, -1.0, 1.0), projected(CAMERA, np.concatenate((20.0 * pose[:3], pose[3:])), POINTS))
+    for pose in POSES
+]
+"""Views through LENS, without noise."""
+
+
+def pinhole(seed: int, noise_px: float, bend: float = 0.0, tilt: float = 0.6) -> list[View]:
+    """Ten views through a lens with f = 520, u0 = 325, v0 = 236 and K = ``bend``, with drawn noise."""
+    rng, views = np.random.default_rng(seed), []
+    for _ in range(10):
+        turn = Rotation.from_rotvec(rng.uniform(-tilt, tilt, 3))
+        p = turn.apply(POINTS) + (rng.uniform(-1.5, 1.5), rng.uniform(-1, 1), rng.uniform(9, 13))
+        u_c = 520.0 * p[:, :2] / p[:, 2:]
+        pixels = u_c / np.sqrt(1.0 + bend * (u_c**2).sum(axis=1))[:, None] + (325.0, 236.0)
+        views.append((POINTS, pixels + noise_px * rng.standard_normal(pixels.shape)))
+    return views
+
+
+def test_the_fit_is_exact_on_exact_corners() -> None:
+    fit = fit_lens(EXACT, 320, 240)
+    np.testing.assert_allclose(fit.calibration[2:5], LENS[2:5], atol=1e-3)
+    assert fit.calibration.distortion == pytest.approx(LENS.distortion, rel=1e-3)
+    assert fit.residual_px < 1e-4
+
+
+@pytest.mark.parametrize("noise_px", [0.1, pytest.param(0.5, marks=pytest.mark.slow)])
+def test_repeated_fits_spread_as_they_claim(noise_px) -> None:
+    rng, lenses, stds = np.random.default_rng(7), [], []
+    for _ in range(40):
+        fit = fit_lens([(p, z + noise_px * rng.standard_normal(z.shape)) for p, z in EXACT], 320, 240)
+        lenses.append(fit.calibration[2:])
+        stds.append(fit.stds)
+    ratio = np.std(lenses, axis=0, ddof=1) / np.mean(stds, axis=0)
+    assert (1.0 / 1.5 < ratio).all() and (ratio < 1.5).all(), ratio
+
+
+def misplaced(bad: int) -> list[View]:
+    """Ten views, of which so many have their lower two rows one square along."""
+    views = pinhole(0, 0.1, 6e-7)
+    for k in range(bad):
+        pixels = views[k][1].reshape(ROWS, COLUMNS, 2)
+        pixels[3:, :-1] = pixels[3:, 1:]
+    return views
+
+
+def test_views_of_which_half_are_wrong_are_refused() -> None:
+    with pytest.raises(ValueError, match="agree on no lens"):
+        fit_lens(misplaced(5), 640, 480)
+
+
+@pytest.mark.parametrize("bad", [1, 2])
+def test_a_view_found_in_the_wrong_place_is_left_out(bad) -> None:
+    views = misplaced(bad)
+    fit = fit_lens(views, 640, 480)
+    assert abs(fit.calibration.focal_px - 520.0) < 3.0 * fit.stds[0]
+    assert fit.kept == list(range(bad, len(views)))
+
+
+def test_a_pincushion_is_fitted() -> None:
+    views = pinhole(1, 0.1, -4e-7)
+    fit = fit_lens(views, 640, 480)
+    assert fit.calibration.distortion == pytest.approx(-4e-7, rel=0.2) and fit.stds[3] < 1e-7
+    assert fit.residual_px == pytest.approx(0.1, rel=0.1)
+
+
+def test_boards_that_all_face_the_camera_do_not_tell_the_lens() -> None:
+    with pytest.raises(ValueError, match="tilt the board"):
+        fit_lens(pinhole(1, 0.1, 4e-7, tilt=0.0), 640, 480)
+
+
+@pytest.mark.parametrize("pattern", [chessboard, charuco])
+def test_a_board_in_a_large_picture_is_found_at_reduced_size(pattern, monkeypatch) -> None:
+    image = photographed(POSES[1], pattern)
+    whole = {tuple(point): pixel for point, pixel in zip(*find_board(image, pattern.__name__, COLUMNS, ROWS))}
+    monkeypatch.setattr(board, "_SEARCHED", 280)
+    found = {tuple(point): pixel for point, pixel in zip(*find_board(image, pattern.__name__, COLUMNS, ROWS))}
+    both = whole.keys() & found.keys()
+    assert len(both) >= 10
+    assert np.sqrt(np.mean([(whole[point] - found[point]) ** 2 for point in both])) < 0.15
+
+
+def test_too_few_pictures_of_the_board_are_refused(tmp_path, capsys) -> None:
+    for k, picture in enumerate((photographed(POSES[0], chessboard), FLAT, FLAT)):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), picture)
+    arguments = ["calibrate", "--images", str(tmp_path), "--columns", "7", "--rows", "5"]
+    assert main([*arguments, "--out", str(tmp_path / "lens.json")]) == 2
+    assert "found in 1 pictures; 3 or more" in capsys.readouterr().err
+    assert main([*arguments, "--kind", "dots", "--out", str(tmp_path / "lens.json")]) == 2
+    assert "kind must be one of chessboard, charuco" in capsys.readouterr().err
+    assert find_board(FLAT, "charuco", 7, 5) is None
+
+
+def test_hidden_files_and_folders_are_no_images_and_other_endings_are_told(tmp_path, capsys) -> None:
+    for name in ("0.png", "1.webp", ".2.png"):
+        cv2.imwrite(str(tmp_path / name), FLAT)
+    (tmp_path / "._0.png").write_bytes(b"\5" * 100)
+    (tmp_path / "sub.png").mkdir()
+    assert len(list(images_of(tmp_path, 30.0).frames)) == 2 and capsys.readouterr().err == ""
+    (tmp_path / "3.heic").write_bytes(b"")
+    assert len(list(images_of(tmp_path, 30.0).frames)) == 2 and ".heic" in capsys.readouterr().err
+    assert len(list(images_of(f"{tmp_path}/*.png", 30.0).frames)) == 1
+
+
+class Stopping:
+    """A camera that gives two colour images and stops."""
+
+    def __init__(self, number: int) -> None:
+        self.left = 2 if number == 0 else 0
+
+    def isOpened(self) -> bool:  # noqa: N802
+        return self.left > 0
+
+    def read(self):
+        self.left -= 1
+        return self.left >= 0, np.full((4, 6, 3), (10, 20, 30), np.uint8)
+
+    def release(self) -> None:
+        self.left = 0
+
+
+def test_a_live_camera_gives_grey_images_until_it_stops(monkeypatch) -> None:
+    monkeypatch.setattr(cv2, "VideoCapture", Stopping)
+    frames = images_of("camera:0", 30.0).frames
+    (first, image), (second, _) = next(frames), next(frames)
+    assert image.shape == (4, 6) and first <= second
+    with pytest.raises(SourceError, match="camera:0 has stopped"):
+        next(frames)
+    for name, message in (("camera:1", "camera:1 is not there"), ("camera:front", "camera:0, camera:1")):
+        with pytest.raises(SourceError, match=message):
+            images_of(name, 30.0)
+
+
+@pytest.mark.parametrize("model", ["radtan", "fisheye"])
+def test_a_lens_of_opencvs_is_found_and_read_again(model, tmp_path) -> None:
+    """Corners through such a lens, some of them in a wrong place; the file is OpenCV's, and its deviations hold."""
+    matrix = np.array(((400.0, 0.0, 325.0), (0.0, 403.0, 236.0), (0.0, 0.0, 1.0)))
+    bent = (-0.03, 0.01, -0.004, 0.001) if model == "fisheye" else (-0.25, 0.08, 0.002, -0.001)
+    true = Lens((640, 480), model == "fisheye", matrix, np.array(bent))
+    rng, views = np.random.default_rng(3), []
+    for k in range(14):
+        turn = Rotation.from_rotvec(rng.uniform(-0.6, 0.6, 3))
+        p = turn.apply(POINTS) + (rng.uniform(-1.5, 1.5), rng.uniform(-1, 1), rng.uniform(5, 8))
+        z = projected_by(true, p[:, :2] / p[:, 2:]) + 0.1 * rng.standard_normal((len(p), 2))
+        if k == 3:
+            z.reshape(ROWS, COLUMNS, 2)[3:, :-1] = z.reshape(ROWS, COLUMNS, 2)[3:, 1:].copy()
+        views.append((POINTS, z))
+    fit = fit_lens(views, 640, 480, model)
+    assert 3 not in fit.kept and fit.residual_px == pytest.approx(0.1, rel=0.15) and fit.lens is not None
+    (tmp_path / "lens.json").write_text(json.dumps(fit.lens.fields()))
+    again = read_lens(tmp_path / "lens.json")
+    assert again.fisheye == true.fisheye and (again.matrix == fit.lens.matrix).all()
+    rays = rng.uniform((-0.6, -0.45), (0.6, 0.45), (50, 2))
+    assert np.abs(projected_by(again, rays) - projected_by(true, rays)).max() < 1.0
+    if model == "radtan":
+        off = (fit.lens.matrix[[0, 0, 1], [0, 2, 2]] - true.matrix[[0, 0, 1], [0, 2, 2]]) / fit.stds[:3]
+        assert np.abs(off).max() < 3.0
+
+
+def test_the_legacy_pattern_of_a_charuco_board_is_found_or_named(tmp_path) -> None:
+    legacy = Board("charuco", 6, 4, 0.03, 0.0225, "DICT_4X4_50", True)
+    image = cv2.copyMakeBorder(printed(legacy), 60, 60, 60, 60, cv2.BORDER_CONSTANT, value=255)
+    points, pixels = find_board(image, "charuco", 6, 4)
+    np.testing.assert_allclose(np.diff(pixels[:5, 0]), np.full(4, pixels[1, 0] - pixels[0, 0]), atol=0.5)
+    assert len(points) == 15
+    fields = {"columns": 6, "rows": 4, "square": 0.03, "marker": 0.0225, "dictionary": "4x4_50"}
+    assert target_from({"kind": "charuco-legacy", **fields}) == legacy
+    with pytest.raises(ValueError, match='pattern of kind "charuco-legacy"'):
+        seen_corners(image, CAMERA, target_from({"kind": "charuco", **fields}))

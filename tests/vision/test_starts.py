@@ -1,0 +1,210 @@
+"""Starts from boards of markers, and without any target."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial import procrustes
+
+cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
+
+from activeslam_gym.camera import camera_of
+from activeslam_gym.geometry import quaternion_exp, rotation_error, rotation_matrix
+from activeslam_gym.live.source import ROOM
+from activeslam_gym.vision.diagnosis import TURNED
+from activeslam_gym.vision.drawing import printed, printed_value
+from activeslam_gym.vision.first_sight import seen_corners, start_pose
+from activeslam_gym.vision.room.camera import RoomCamera
+from activeslam_gym.vision.sources import Frame
+from activeslam_gym.vision.start import Start
+from activeslam_gym.vision.target import CORNERS, FACING, Board, target_from
+from activeslam_gym.vision.track import AT_REST, follow, start, summary
+from activeslam_gym.vision.views import projected
+from tests.vision.test_sizes import enlarged
+from tests.vision_scene import (
+    CAMERA,
+    LENS,
+    TARGET,
+    image_from,
+    path,
+    photographed,
+    plane_points,
+    pose_at,
+    target_fields,
+    texture,
+)
+
+CHARUCO = {"kind": "charuco", "columns": 5, "rows": 4, "square": 0.06, "marker": 0.045, "dictionary": "4x4_50"}
+APRILTAG = {"kind": "apriltag", "columns": 3, "rows": 2, "tag": 0.08, "gap": 0.02, "dictionary": "36h11"}
+POSES = [
+    pose_at((0.03, 0.02, 0.35)),
+    pose_at((-0.12, 0.06, 0.33), (0.1, -0.3, 0.1)),
+    pose_at((0.0, 0.0, 0.36), (0, 0, 2.0)),
+]
+RECTANGLE: dict[str, Any] = target_fields(POSES[0])
+CORNERS_PX = list(RECTANGLE["corners_px"].values())
+both_kinds = pytest.mark.parametrize("fields", [CHARUCO, APRILTAG], ids=lambda fields: fields["kind"])
+
+
+def board_on_the_plane(board: Board, pose: np.ndarray, samples: int = 4) -> np.ndarray:
+    """The image (240, 320) uint8 of the board on a white sheet on the textured plane."""
+    picture = printed(board)
+
+    def grey(X: np.ndarray) -> np.ndarray:
+        sheet, value = np.all(np.abs(X) < 0.5 * board.size + 0.02, axis=-1), printed_value(board, picture, X)
+        return np.where(np.isnan(value), np.where(sheet, 220.0, texture(X)), 30.0 + 190.0 / 255.0 * value)
+
+    return photographed(pose, grey, samples)
+
+
+@both_kinds
+@pytest.mark.parametrize("pose", POSES)
+def test_the_pose_is_recovered_from_a_board_that_finds_itself(fields, pose) -> None:
+    board = target_from(fields)
+    points, pixels = seen_corners(board_on_the_plane(board, pose), CAMERA, board)
+    assert len(points) >= 6
+    assert np.abs(pixels - projected(CAMERA, pose, points)).max() < 0.4
+    found, covariance = start_pose(CAMERA, points, pixels, 0.35)
+    error = np.concatenate((pose[:3] - found[:3], rotation_error(pose[3:], found[3:])))
+    assert np.linalg.norm(error[:3]) < 0.004 and np.abs(error[3:]).max() < 0.012, error
+    assert error @ np.linalg.solve(covariance, error) < 22.5, "the 99.9th percentile of 6 degrees of freedom"
+
+
+def test_a_part_of_the_board_is_enough_and_a_sliver_is_not() -> None:
+    board = target_from(CHARUCO)
+    half = board_on_the_plane(board, POSES[0])
+    half[:, 190:] = 128
+    points, pixels = seen_corners(half, CAMERA, board)
+    assert 6 <= len(points) < len(board.points)
+    assert np.abs(pixels - projected(CAMERA, POSES[0], points)).max() < 0.4
+    half[:, 110:] = 128
+    said = r"shows \d of the 12 corners of the target, a board of kind charuco; 6 or more"
+    with pytest.raises(ValueError, match=said):
+        seen_corners(half, CAMERA, board)
+
+
+@pytest.mark.parametrize(
+    ("fields", "change", "word"),
+    [
+        (CHARUCO, {"kind": "circle"}, "kind must be rectangle, charuco, charuco-legacy, apriltag, got 'circle'"),
+        (CHARUCO, {"marker": 0.06}, "marker must be smaller than square"),
+        (CHARUCO, {"columns": 2}, "columns must be a whole number of 3 or more"),
+        (CHARUCO, {"rows": 4.0}, "rows must be a whole number"),
+        (CHARUCO, {"dictionary": "9x9"}, "dictionary must be one of OpenCV's, 4x4_50"),
+        (CHARUCO, {"columns": 20, "rows": 20}, "the board has 200 markers, the dictionary 4x4_50 only 50"),
+        (CHARUCO, {"tag": 1.0}, "has no field 'tag'"),
+        (APRILTAG, {"gap": 0.0}, "gap must be a positive number of metres"),
+        (APRILTAG, {"columns": 1, "rows": 1}, "two tags or more"),
+        (APRILTAG, {"dictionary": 36}, "36h11 for example, got 36"),
+    ],
+)
+def test_a_wrong_board_is_named(fields, change, word) -> None:
+    with pytest.raises(ValueError, match=word):
+        target_from({**fields, **change})
+    lacking = {name: value for name, value in fields.items() if name != "columns"}
+    with pytest.raises(ValueError, match="lacks columns"):
+        target_from(lacking)
+
+
+@both_kinds
+def test_a_track_from_a_board_has_scale(fields) -> None:
+    board, poses = target_from(fields), path(20, 0.4, -0.002)
+    frames = [(k / 30.0, board_on_the_plane(board, pose, 2)) for k, pose in enumerate(poses)]
+    done = follow(frames, LENS, board, 30.0)
+    assert done.metric and done.logs[-1].metric and done.trouble is None
+    assert np.linalg.norm(done.cameras[5:, :3] - np.array(poses)[5:, :3], axis=1).max() < 0.006
+
+
+FREE = [np.concatenate((2.0 * pose[:3], pose[3:])) for pose in path(40, 0.4, -0.002)]
+"""At twice the distance that the prior expects."""
+SLANTED = [pose_at((0.01 * k, 0.0, 0.8), (0.1, 0.45, 0.0)) for k in range(30)]
+"""One edge of the image is much farther away than the other."""
+
+
+@pytest.fixture(scope="module")
+def free() -> list[Frame]:
+    """A textured plane without a target."""
+    return [(k / 30.0, image_from(pose, samples=2)) for k, pose in enumerate(FREE)]
+
+
+def test_a_track_without_a_target_has_the_path_and_no_scale(free) -> None:
+    done = follow(free, LENS, None, 30.0)
+    assert not done.metric and not done.logs[-1].metric and done.trouble is None
+    np.testing.assert_array_equal(done.cameras[0, :3], 0.0)
+    found, truth = done.cameras[5:, :3], np.array(FREE)[5:, :3]
+    spread = [np.linalg.norm(one - one.mean(axis=0)) for one in (found, truth)]
+    assert 0.3 < spread[1] / spread[0] < 3.0
+    error = spread[1] * np.sqrt(procrustes(truth, found)[2] / len(truth))  # after a rotation, shift and scale
+    assert error < 0.015 and TURNED not in summary(done)
+
+
+def test_depths_are_known_at_the_start() -> None:
+    search = Start(LENS)
+    for k, pose in enumerate(SLANTED):
+        search.add(k / 15.0, image_from(pose, samples=2))
+        if search.best is not None and search.best.certain:
+            break
+    camera, points, covariance, pixels = search.belief(search.best, (2.0, 3.0), 32)
+    now = SLANTED[k]
+    on_plane = np.column_stack((plane_points(now, *pixels.T), np.zeros(len(pixels))))
+    truth = np.linalg.norm(on_plane - SLANTED[0][:3], axis=1)
+    errors = np.log(points[:, 2] * truth)
+    assert len(points) > 12 and np.std(np.log(truth)) > 0.1
+    assert np.std(errors) < 0.05 and np.std(errors) < 2.0 * np.median(
+        np.sqrt(np.diag(covariance)[14::3]) / points[:, 2]
+    )
+    way = rotation_matrix(FACING) @ rotation_matrix(SLANTED[0][3:]).T @ (now[:3] - SLANTED[0][:3])
+    assert camera[:3] @ way > 0.999 * np.linalg.norm(camera[:3]) * np.linalg.norm(way)
+
+
+@pytest.mark.parametrize("end", [ValueError("unreadable"), KeyboardInterrupt()])
+def test_what_ends_the_images_of_the_start_ends_the_track(free, end) -> None:
+    def images() -> Iterator[Frame]:
+        yield from free[:7]
+        raise end
+
+    done = follow(images(), LENS, None, 30.0)
+    assert len(done.times) == 7 and done.trouble in ("unreadable", "interrupted")
+    assert len(follow(free[:1], LENS, None, 30.0).times) == 1
+
+
+@pytest.mark.parametrize("n", [1, 2])
+def test_a_camera_that_only_turns_in_a_room_stays_where_it_is_and_the_user_is_told(n) -> None:
+    lens = enlarged(LENS, n)
+    scenario = replace(ROOM, **lens._asdict())
+    room = RoomCamera(scenario, camera_of(scenario), np.random.SeedSequence(1))
+    states, images = np.zeros((50, 13)), []
+    for k, state in enumerate(states):
+        angle, state[11] = 0.3 * (1.0 - np.cos(0.1 * k)), 0.9 * np.sin(0.1 * k)
+        state[3:7] = quaternion_exp(np.array((0.0, angle, 0.0)))
+        images.append((k / 30.0, room.photograph(state, k)))
+    done = follow(images, lens, None, 30.0)
+    places, variances = done.cameras[:, :3], np.trace(done.covariances[:, :3, :3], axis1=1, axis2=2)
+    assert not done.lost.any() and (np.sum(places**2, axis=1) < 9.0 * variances + 1e-8).all()
+    turned = [rotation_error(q, done.cameras[0, 3:7]) for q in done.cameras[:, 3:7]]
+    truth = [rotation_error(state[3:7], states[0, 3:7]) for state in states]
+    assert np.abs(np.linalg.norm(turned, axis=1) - np.linalg.norm(truth, axis=1)).max() < np.radians(0.3)
+    assert TURNED in summary(done) and AT_REST in summary(done)
+
+
+@pytest.mark.parametrize(
+    ("fields", "change"),
+    [
+        (APRILTAG, {"columns": 2, "rows": 3}),
+        (APRILTAG, {"columns": 4}),
+        (APRILTAG, {"gap": 0.1}),
+        (CHARUCO, {"marker": 0.035}),
+        (CHARUCO, {"square": 0.05}),
+        (RECTANGLE, {"width": RECTANGLE["height"], "height": RECTANGLE["width"]}),
+        (RECTANGLE, {"height": 1.15 * TARGET.height}),
+        (RECTANGLE, {"corners_px": dict(zip(CORNERS, (CORNERS_PX[k] for k in (2, 0, 3, 1))))}),
+    ],
+)
+def test_a_target_that_contradicts_the_image_is_refused(fields, change) -> None:
+    board = fields["kind"] != "rectangle"
+    image = board_on_the_plane(target_from(fields), POSES[0], 2) if board else image_from(POSES[0], target=True)
+    start(image, LENS, target_from(fields), 30.0)
+    with pytest.raises(ValueError, match="contradicts the first image"):
+        start(image, LENS, target_from({**fields, **change}), 30.0)

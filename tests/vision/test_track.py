@@ -1,0 +1,238 @@
+"""The target and its pose, the sources' errors, and a short track of a rendered plane."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import chain, islice, repeat
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
+
+from activeslam_gym.__main__ import main, parser
+from activeslam_gym.geometry import rotation_error
+from activeslam_gym.vision.calibration import read_calibration
+from activeslam_gym.vision.first_sight import refine_corners, start_pose
+from activeslam_gym.vision.sources import images_of
+from activeslam_gym.vision.target import read_target
+from activeslam_gym.vision.track import track
+from activeslam_gym.vision.track_files import TrackFiles
+from activeslam_gym.vision.views import projected
+from tests.vision_scene import CAMERA, LENS, TARGET, image_from, path, pose_at, target_fields
+
+POSES = [pose_at((0.05, 0.03, 0.69)), pose_at((-0.2, 0.1, 0.6), (0.1, -0.25, 0.1)), pose_at((0.1, -0.2, 0.9))]
+
+
+def corners_from(pose: np.ndarray) -> np.ndarray:
+    return projected(CAMERA, pose, TARGET.fiducials)
+
+
+@pytest.mark.parametrize("pose", POSES)
+def test_the_start_pose_is_recovered_from_exact_corners(pose) -> None:
+    found, covariance = start_pose(CAMERA, TARGET.fiducials, corners_from(pose), 0.3)
+    np.testing.assert_allclose(found[:3], pose[:3], atol=1e-6)
+    assert np.abs(rotation_error(pose[3:], found[3:])).max() < 1e-6
+    assert np.linalg.eigvalsh(covariance).min() > 0.0
+
+
+def test_the_start_covariance_covers_the_errors_of_noisy_corners() -> None:
+    rng, truth, nees = np.random.default_rng(1), POSES[1], []
+    for _ in range(200):
+        corners = corners_from(truth) + 0.2 * rng.standard_normal((4, 2))
+        pose, covariance = start_pose(CAMERA, TARGET.fiducials, corners, 0.2)
+        assert pose[2] > 0.0  # before the target, whichever of the two planar solutions is better
+        error = np.concatenate((truth[:3] - pose[:3], rotation_error(truth[3:], pose[3:])))
+        nees.append(error @ np.linalg.solve(covariance, error))
+    assert 4.0 < np.median(nees) < 7.5  # chi-square of 6 dof: 5.35
+
+
+@pytest.mark.parametrize("pose", POSES)
+def test_corners_are_refined_below_the_pixel(pose) -> None:
+    truth = corners_from(pose)
+    found = refine_corners(image_from(pose, target=True, samples=8), CAMERA, np.rint(truth) + (1.0, -1.0))
+    assert np.abs(found - truth).max() < 0.15  # the picture has 256 grey levels, and the texture an edge of its own
+
+
+def write(path: Path, image: np.ndarray) -> None:
+    assert cv2.imwrite(str(path), image)
+
+
+def test_images_in_colour_are_read_as_grey(tmp_path) -> None:
+    grey = np.arange(24 * 32, dtype=np.uint16).reshape(24, 32).astype(np.uint8)
+    write(tmp_path / "0.png", np.dstack([grey] * 3))
+    write(tmp_path / "1.png", np.dstack([np.full((24, 32), value, np.uint8) for value in (40, 80, 200)]))
+    (_, same), (_, mixed) = images_of(tmp_path, 30.0).frames
+    np.testing.assert_array_equal(same, grey)
+    assert (mixed == round(0.114 * 40 + 0.587 * 80 + 0.299 * 200)).all()
+
+
+@pytest.fixture(scope="module")
+def sequence(tmp_path_factory) -> Path:
+    """A folder with 25 images of a plane, calibration.json and target.json."""
+    folder = tmp_path_factory.mktemp("sequence")
+    (folder / "images").mkdir()
+    for k, pose in enumerate(path(25)):
+        write(folder / "images" / f"{k:03}.png", image_from(pose, target=True, samples=2))
+    (folder / "calibration.json").write_text(json.dumps(LENS._asdict()))
+    (folder / "target.json").write_text(json.dumps(target_fields(path(1)[0])))
+    assert read_calibration(folder / "calibration.json") == LENS
+    np.testing.assert_allclose(read_target(folder / "target.json").corners_px, np.rint(corners_from(path(1)[0])))
+    return folder
+
+
+def command(sequence: Path, out: Path, images: Path | None = None, *more: str) -> list[str]:
+    """The command line that tracks the ``sequence`` into ``out``."""
+    files = [f"--{name}={sequence / name}.json" for name in ("calibration", "target")]
+    return ["track", f"--images={images or sequence / 'images'}", *files, f"--out={out}", *more]
+
+
+def test_a_rendered_plane_is_tracked_to_millimetres(sequence, tmp_path) -> None:
+    done, _ = track(parser().parse_args(command(sequence, tmp_path / "out")))
+    assert done.trouble is None and len(done.times) == 25
+    error = np.linalg.norm(done.cameras[5:, :3] - np.array(path(25))[5:, :3], axis=1)
+    assert error.max() < 0.015
+    assert min(log.matched / log.searched for log in done.logs) > 0.8
+    assert done.filter.expected_inverse_depth[0] > 1.0  # the plane is 0.7 m away; before the first features it was 0.75
+    written = np.loadtxt(tmp_path / "out" / "trajectory.tum")
+    np.testing.assert_allclose(written[:, 1:4], done.cameras[:, :3], atol=1e-6)
+    assert np.abs(written[0, 4]) > 0.99  # x right, y down, z forward before the target: half a turn about X
+    assert len((tmp_path / "out" / "frames.csv").read_text().splitlines()) == 25
+    assert len((tmp_path / "out" / "map.csv").read_text().splitlines()) > 12
+
+
+@pytest.fixture(scope="module")
+def darkening(sequence, tmp_path_factory) -> Path:
+    """A folder with six images of the sequence and eight dark ones."""
+    folder, rng = tmp_path_factory.mktemp("darkening"), np.random.default_rng(1)
+    for k in range(6):
+        (folder / f"{k:02}.png").symlink_to(sequence / "images" / f"{k:03}.png")
+    for k in range(6, 14):
+        write(folder / f"{k:02}.png", rng.integers(0, 12, (240, 320), np.uint8))
+    return folder
+
+
+def test_a_track_that_is_mostly_lost_says_so_and_withholds_poses(sequence, darkening, tmp_path, capsys) -> None:
+    assert main(command(sequence, tmp_path, darkening)) == 3
+    said = capsys.readouterr()
+    assert "lost in 8 images, first at 0.20 s" in said.out
+    assert "track: lost: 6 of 14 images were tracked; a lost image is dark" in said.err.splitlines()[-1]
+    header, *rows = (line.split(",") for line in (tmp_path / "frames.csv").read_text().splitlines())
+    assert [row[header.index("lost")] for row in rows] == ["0"] * 5 + ["1"] * 8
+    assert len(np.loadtxt(tmp_path / "trajectory.tum")) == 6
+    done, _ = track(parser().parse_args(command(sequence, tmp_path, darkening, "--keep-lost")))
+    assert len(np.loadtxt(tmp_path / "trajectory.tum")) == 14 and done.lost.tolist() == [False] * 6 + [True] * 8
+    in_the_dark, before = (np.linalg.det(done.covariances[k, :3, :3]) for k in (13, 5))
+    assert in_the_dark > 10.0**3 * before
+
+
+@contextmanager
+def small_files(most: int) -> Iterator[None]:
+    """No file may grow beyond so many bytes: as on a full disk, a write fails."""
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.fixture(scope="module")
+def filmed(sequence, tmp_path_factory) -> Path:
+    """The folder of a whole track with a film. Kernels are compiled, and written, in the meantime."""
+    out = tmp_path_factory.mktemp("filmed")
+    assert main(command(sequence, out, None, "--film")) == 0
+    return out
+
+
+def test_a_film_shows_the_image_beside_the_map(sequence, filmed) -> None:
+    film = cv2.VideoCapture(str(filmed / "film.mp4"))
+    there, picture = film.read()
+    assert there and picture.shape == (480, 1280, 3)
+    coloured = np.ptp(picture.astype(int), axis=2) > 60
+    assert coloured[:, :640].any() and (picture[:, 640:] > 200).mean() > 0.5
+    assert int(film.get(cv2.CAP_PROP_FRAME_COUNT)) == len(list((sequence / "images").iterdir())) - 1
+
+
+def test_a_film_on_a_full_disk_is_removed_and_the_track_kept(sequence, filmed, tmp_path, capsys) -> None:
+    with small_files((filmed / "film.mp4").stat().st_size // 2):
+        assert main(command(sequence, tmp_path, None, "--film")) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said.startswith(f"python -m activeslam_gym track: {tmp_path / 'film.mp4'} cannot be written")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["frames.csv", "map.csv", "trajectory.tum"]
+    assert len(np.loadtxt(tmp_path / "trajectory.tum")) == 25
+
+
+def test_a_track_on_a_full_disk_keeps_whole_lines(sequence, filmed, tmp_path, capsys) -> None:
+    with small_files(1000):
+        assert main(command(sequence, tmp_path, None, "--film")) == 2
+    assert "trajectory.tum cannot be written" in capsys.readouterr().err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["frames.csv", "trajectory.tum"]
+    assert 5 < len(np.loadtxt(tmp_path / "trajectory.tum")) < 25
+    assert (tmp_path / "trajectory.tum").read_text().endswith("\n")
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_sigterm_loses_no_track(sequence, tmp_path, number) -> None:
+    """SIGTERM ends it as Ctrl-C does, with map, film and summary; even SIGKILL leaves the lines written so far."""
+    there = sorted((sequence / "images").iterdir())
+    (tmp_path / "images").mkdir()
+    for k, image in enumerate(islice(chain.from_iterable(repeat(there + there[::-1])), 3000)):  # half a minute or more
+        (tmp_path / "images" / f"{k:04}.png").symlink_to(image)
+    frames, poses = (tmp_path / "out" / name for name in ("frames.csv", "trajectory.tum"))
+    line = [sys.executable, "-m", "activeslam_gym", *command(sequence, tmp_path / "out", tmp_path / "images", "--film")]
+    root = Path(__file__).resolve().parents[2]
+    with subprocess.Popen(line, cwd=root, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        while process.poll() is None and not (frames.exists() and frames.read_text().count("\n") > 10):
+            time.sleep(0.05)
+        running = process.poll() is None
+        process.send_signal(number)
+        out, err = process.communicate(timeout=60)
+    written = np.loadtxt(poses)
+    assert running and 10 < len(written) < 3000 and poses.read_text().endswith("\n")
+    assert abs(frames.read_text().count("\n") - len(written)) <= 1  # the last image may have one of the two
+    if number == signal.SIGKILL:
+        return
+    assert process.returncode == 1 and err.endswith("track: ended early: interrupted\n")
+    assert int(out.split(" images; ")[0]) - len(written) in (0, 1) and f"results in {tmp_path / 'out'}" in out
+    assert len((tmp_path / "out" / "map.csv").read_text().splitlines()) > 12
+    film = cv2.VideoCapture(str(tmp_path / "out" / "film.mp4"))
+    assert film.isOpened() and abs(film.get(cv2.CAP_PROP_FRAME_COUNT) - len(written)) <= 2
+
+
+def test_the_track_before_trouble_is_kept(sequence, tmp_path, capsys) -> None:
+    (tmp_path / "images").mkdir()
+    for k in range(4):
+        (tmp_path / "images" / f"{k}.png").symlink_to(sequence / "images" / f"{k:03}.png")
+    (tmp_path / "images" / "4.png").write_bytes(b"no picture")
+    assert main(command(sequence, tmp_path / "out", tmp_path / "images")) == 1
+    assert "4.png" in capsys.readouterr().err
+    assert len((tmp_path / "out" / "trajectory.tum").read_text().splitlines()) == 4
+
+
+def test_the_belief_is_what_its_judge_reads(tmp_path) -> None:
+    """Errors drawn from covariances in the world's axes have the NEES that `smfeval` expects of consistent ones."""
+    smfeval = pytest.importorskip("smfeval.cli.main", reason="the extra `dev` is not installed")
+    rng, half = np.random.default_rng(0), Rotation.from_matrix(np.diag((-1.0, -1.0, 1.0)))
+    P = np.diag(np.square((0.1, 0.01, 0.03, 0.02, 0.002, 0.006)))
+    P[0, 4] = P[4, 0] = 0.9 * 0.1 * 0.002
+    files, truth = TrackFiles(tmp_path, metric=True, belief=True), []
+    for k, turn in enumerate(Rotation.random(1000, random_state=1)):
+        error, place = rng.multivariate_normal(np.zeros(6), P), rng.uniform(-1.0, 1.0, 3)
+        files.add(0.1 * k, np.concatenate((place, np.roll(turn.as_quat(), 1))), None, P)
+        true = Rotation.from_rotvec(error[3:]) * turn * half
+        truth.append((0.1 * k, *(place + error[:3]), *true.as_quat()))
+    files.close()
+    np.savetxt(tmp_path / "truth.tum", truth, fmt="%.9f")
+    belief, reference, report = (str(tmp_path / name) for name in ("belief.square", "truth.tum", "report.json"))
+    assert not smfeval.main(["validate", "--strict", belief])
+    smfeval.main(["score", belief, reference, "--ref-body-frame", "camera", "--calibration", "--json-out", report])
+    judged = json.loads(Path(report).read_text())["calibration_split"]["absolute"]["translation"]
+    assert judged["verdict"] == "consistent" and 2.1 < judged["nees_median"] < 2.65

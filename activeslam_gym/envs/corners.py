@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.camera import change_of_view, distance_between, view_of, visible
+from activeslam_gym.camera import View, change_of_view, view_of, visible
 from activeslam_gym.envs.images import judge_by_scene
 from activeslam_gym.envs.perception import Perception
 from activeslam_gym.envs.run import Run, write_whole_estimate
 from activeslam_gym.envs.setting import Setting
-from activeslam_gym.kernels import Record, compiled, filled, record
+from activeslam_gym.kernels import Record, borrowing, compiled, filled, record
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.slam.appearance import draw_bias, use_identified, wander
 from activeslam_gym.slam.belief import feature_capacity, positions_of
@@ -237,7 +237,7 @@ def _initialise_features(run: Run, rules: Record, corners: Corners, draws: np.nd
         c = (begin + k) % n
         if born == wanted or found + born == run.detections.shape[0]:
             break
-        if not _is_shown(corners, c, pose) or not visible(view, corners.points[c], -_NEW_FEATURE_EDGE, z):
+        if not _may_be_shown(corners, c, view) or not visible(view, corners.points[c], -_NEW_FEATURE_EDGE, z):
             continue
         free = True
         for i in range(crowd):
@@ -272,11 +272,18 @@ def _initialise_features(run: Run, rules: Record, corners: Corners, draws: np.nd
     return born
 
 
-@compiled
-def _is_shown(corners: Corners, c: int, pose: np.ndarray) -> bool:
-    """Whether ``c`` is a corner as seen from ``pose`` (>= 3,), if nothing hides it."""
-    point, (nearest, farthest) = corners.points[c], corners.reach[c]
-    return nearest <= distance_between(point, pose) < farthest and faces(corners.normals[c], point, pose, _FACING)
+@borrowing
+def _may_be_shown(corners: Corners, c: int, view: View) -> bool:
+    """Whether ``c`` is before the camera, shows its front, and is a corner at its distance: most of a room are not."""
+    p, y, R_WC = view.pose, corners.points, view.R_WC
+    x_W, y_W, z_W = y[c, 0] - p[0], y[c, 1] - p[1], y[c, 2] - p[2]
+    if R_WC[0, 2] * x_W + R_WC[1, 2] * y_W + R_WC[2, 2] * z_W <= 0.0:
+        return False
+    distance = math.sqrt(x_W**2 + y_W**2 + z_W**2)
+    if not corners.reach[c, 0] <= distance < corners.reach[c, 1]:
+        return False
+    normal = corners.normals
+    return normal[c, 0] * -x_W + normal[c, 1] * -y_W + normal[c, 2] * -z_W > _FACING * distance
 
 
 @compiled
@@ -322,23 +329,26 @@ def corners_of(room: Room, focal: float) -> tuple[np.ndarray, np.ndarray, np.nda
     """
     target, plain = texture_range(textures.target), texture_range(textures.plaster)
     ends = np.array(list(itertools.product((1e-6, 1.0 - 1e-6), repeat=2)))
-    found: list[tuple[Record, np.ndarray, tuple[float, float]]] = []  # surface, shares of its sides (n, 2), distances
+    points, normals, reach = [], [], []
     for k, surface in enumerate(room.surfaces):
+        shares: list[np.ndarray] = []  # of the surface's sides (n, 2)
+        between: list[tuple[float, float]] = []  # the distances of each
         if k < len(room.surfaces) - 6 and surface["texture"] not in plain:  # the walls come last
-            found.append((surface, ends, (0.0, np.inf)))
-        if surface["texture"] in target:
-            continue  # its own corners are the fiducials
-        texel, texels = surface["texel"] / SIZE, surface["texels"] / SIZE
-        low, high = np.floor(texel).astype(int), np.ceil(texel + texels).astype(int)
-        sides = np.linalg.norm(surface["along"]), np.linalg.norm(surface["down"])
-        extent = math.sqrt(sides[0] * sides[1] / texels.prod())  # of the whole texture [m]
-        for side, own in zip(_SIDES, _texture_corners()[int(surface["texture"])]):
-            farthest = focal * extent / side
-            between = (0.0 if side == _SIDES[-1] else 0.5 * farthest, farthest)
-            for i, j in itertools.product(range(low[0], high[0]), range(low[1], high[1])):
-                share = (own + (i, j) - texel) / texels
-                found.append((surface, share[np.all((share > 0.0) & (share < 1.0), axis=1)], between))
-    points = [one["corner"] + share[:, :1] * one["along"] + share[:, 1:] * one["down"] for one, share, _ in found]
-    counts = [len(share) for _, share, _ in found]
-    normals, reach = ([one["normal"] for one, *_ in found], [between for *_, between in found])
-    return np.concatenate(points), np.repeat(normals, counts, axis=0), np.repeat(reach, counts, axis=0)
+            shares, between = [ends], [(0.0, np.inf)] * len(ends)
+        if surface["texture"] not in target:  # whose own corners are the fiducials
+            texel, texels = surface["texel"] / SIZE, surface["texels"] / SIZE
+            low, high = np.floor(texel).astype(int), np.ceil(texel + texels).astype(int)
+            copies = np.array(list(itertools.product(range(low[0], high[0]), range(low[1], high[1]))))[:, None]
+            sides = np.linalg.norm(surface["along"]), np.linalg.norm(surface["down"])
+            extent = math.sqrt(sides[0] * sides[1] / texels.prod())  # of the whole texture [m]
+            for side, own in zip(_SIDES, _texture_corners()[int(surface["texture"])]):
+                share = ((own + copies - texel) / texels).reshape(-1, 2)
+                shares.append(share[np.all((share > 0.0) & (share < 1.0), axis=1)])
+                farthest = focal * extent / side
+                between += [(0.0 if side == _SIDES[-1] else 0.5 * farthest, farthest)] * len(shares[-1])
+        if shares:
+            share = np.concatenate(shares)
+            points.append(surface["corner"] + share[:, :1] * surface["along"] + share[:, 1:] * surface["down"])
+            normals.append(np.broadcast_to(surface["normal"], points[-1].shape))
+            reach += between
+    return np.concatenate(points), np.concatenate(normals), np.array(reach)

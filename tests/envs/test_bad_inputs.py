@@ -1,5 +1,6 @@
 """What a hostile user hands in: one clear error that names the argument, and never a NaN, a crash or a traceback."""
 
+import copy
 import itertools
 import threading
 from collections.abc import Callable
@@ -72,10 +73,13 @@ def test_a_batch_names_the_argument(argument: str) -> None:
 
 
 def test_actions_seeds_and_options_are_named(env: ActiveSLAMEnv, batch: ActiveSLAMVectorEnv) -> None:
+    twin = copy.deepcopy(batch)
     for action in BAD_ACTIONS:
         refuses("action", lambda action=action: env.step(action))
         refuses("action", lambda action=action: batch.step(action))
         refuses("action", lambda action=action: batch.step([action, action]))
+    refuses("actions[1]", lambda: batch.step([[0, 0], [7, 0]]))
+    np.testing.assert_array_equal(batch.step([[0, 0], [1, 1]])[0], twin.step([[0, 0], [1, 1]])[0])
     for seed in BAD_SEEDS:
         refuses("seed", lambda seed=seed: env.reset(seed=seed))
         refuses("seed", lambda seed=seed: batch.reset(seed=seed))

@@ -63,14 +63,6 @@ def test_landmarks_on_surfaces_are_expected_on_walls() -> None:
             assert (axis, side) == (2, 1) or 60 < (on & (expected["point"][:, axis] * side > 0)).sum() < 240
 
 
-def test_a_redraw_does_not_depend_on_the_others() -> None:
-    alone, together = expectation((0.0, 0.0, -2.0), (0.0, 0.0, 2.0)), expectation((0.1, 0.0, 2.0), (0.0, 0.0, 2.0))
-    for expected in (alone, together):
-        look(expected, [POSE] * 6)
-    assert together["redraws"].tolist() == [1, 1]
-    np.testing.assert_array_equal(alone["point"][1], together["point"][1])
-
-
 def test_a_look_from_one_place_counts_once() -> None:
     """With a chance of nothing every look is in vain, and there is one for each of the two viewpoints."""
     expected = expectation((0.0, 0.0, 2.0))

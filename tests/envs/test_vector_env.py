@@ -22,7 +22,7 @@ from activeslam_gym import (
 )
 from activeslam_gym.information.candidates import sequence_plans
 from activeslam_gym.motion import COMMANDS
-from activeslam_gym.threads import Workers, available_cores
+from activeslam_gym.threads import Workers
 
 SHORT: dict[str, Any] = {"gaze_period": 0.25, "duration": 3.0, "lost_position_error": 0.04}
 """Some runs are lost on the way, the others end at their duration."""
@@ -278,35 +278,9 @@ def test_a_copy_goes_its_own_way(make: Any) -> None:
     np.testing.assert_array_equal(env.motion_scores(), twin.motion_scores())
 
 
-def test_every_row_is_in_one_slice_and_an_error_in_one_is_raised() -> None:
-    def visit(out: np.ndarray, start: int, stop: int) -> None:
-        out[start:stop] += 1
-
-    for rows, threads in ((1, 1), (7, 3), (64, 2), (3, 9)):
-        workers, visits = Workers(rows, threads), np.zeros(rows)
-        workers.call(visit, visits)
-        assert workers.threads == min(rows, threads) and (visits == 1).all()
-        workers.close()
-        workers.call(visit, visits)
-        assert (visits == 2).all()
-    assert Workers(1000).threads == available_cores()
+def test_an_error_in_a_thread_is_raised() -> None:
     with pytest.raises(ZeroDivisionError):
         Workers(4, 2).call(lambda start, stop: 1 // (start == 0))
-
-
-def test_a_bad_action_is_named_and_changes_nothing() -> None:
-    env, twin = ActiveSLAMVectorEnv(2), ActiveSLAMVectorEnv(2)
-    env.reset(seed=0)
-    twin.reset(seed=0)
-    for named, wrong in (
-        (r"\(2, 2\)", ([[0, 0]], [0, 0], [[0, 0], [0]], "ab", None)),
-        (r"actions\[1\]", ([[0, 0], [7, 0]], [[0, 0], [0, 3]])),
-        (r"actions\[0\]", ([[-1, 0], [0, 0]], [[0.5, 0], [0, 0]], [[0, np.nan], [0, 0]])),
-    ):
-        for actions in wrong:
-            with pytest.raises(ValueError, match=named):
-                env.step(actions)
-            same(env.step([[0, 0], [1, 1]]), twin.step([[0, 0], [1, 1]]))
 
 
 def test_a_reset_is_asked_for_and_next_step_ignores_the_action_of_an_ended_run() -> None:

@@ -1,23 +1,28 @@
 """Layout of the belief: appending, removing and converting leave the rest alone; the public belief is T P T^T."""
 
-import itertools
-
+import gymnasium as gym
 import numpy as np
 import pytest
 
+import baselines
+from activeslam_gym.config import TRAINING_SEED
+from activeslam_gym.evaluation import play
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam import belief as layout
-from activeslam_gym.slam.belief import INVERSE_DEPTH, KIND_DIM, POINT, RAY, Belief
+from activeslam_gym.slam.belief import INVARIANT, INVERSE_DEPTH, KIND_DIM, PLAIN, POINT, RAY, Belief
+from activeslam_gym.slam.estimate import COMPILED
 from activeslam_gym.slam.kalman import MINIMUM_INVERSE_DEPTH, propagate, shift_mean, update_covariance
 from activeslam_gym.slam.map import append_feature, convert_to_point, remove_feature, room_for
 from tests import support
 from tests.support import (
     copied,
+    dense_H,
     features_of,
     joint_covariance,
     mean_difference,
     random_spd,
     rows_of,
+    sight_of,
     turn_of_everything,
 )
 
@@ -69,15 +74,6 @@ def assert_well_laid(belief: Belief) -> None:
     assert len(set(features["slot"]) & set(range(len(belief.feature)))) == len(features)
     P = joint_covariance(belief)
     np.testing.assert_array_equal(P, P.T)
-
-
-def test_angles_undo_the_bearing_everywhere() -> None:
-    J = np.empty((2, 3))
-    for angles, m in (((0, 0), (0, 0, 1)), ((np.pi / 2, 0), (1, 0, 0)), ((0.3, np.pi / 2), (0, 1, 0))):
-        np.testing.assert_allclose(layout.bearing(*angles)[0], m, atol=1e-15)
-    for angles in itertools.product(np.linspace(-3.1, 3.1, 13), np.linspace(-1.5, 1.5, 7)):
-        np.testing.assert_allclose(layout.angles_of(2.5 * np.array(layout.bearing(*angles)[0]), J), angles, atol=1e-12)
-    assert np.isfinite(layout.angles_of(np.array([0.0, 1.0, 0.0]), J)).all() and np.isfinite(J).all()  # straight up
 
 
 @pytest.mark.parametrize("kind", [RAY, INVERSE_DEPTH, POINT])
@@ -157,26 +153,6 @@ def test_many_births_and_deaths_keep_the_layout() -> None:
         assert_well_laid(belief)
 
 
-def test_a_full_belief_says_so_and_a_slot_is_used_again() -> None:
-    belief = belief_of([])
-    while room_for(belief, 6):
-        append(belief, INVERSE_DEPTH, np.full(6, 0.5))
-    assert belief.state.count >= 24
-    for k in range(belief.state.count):
-        convert_to_point(belief, k)
-    while room_for(belief, 3):
-        append(belief, POINT)
-    assert belief.state.count == len(belief.feature)
-    assert_well_laid(belief)
-    belief = belief_of([POINT, POINT, POINT])
-    first = belief.feature[0].copy()
-    remove_feature(belief, 0)
-    again = belief.feature[append(belief, POINT)]
-    assert again.slot == first.slot and again.id > first.id
-    assert features_of(belief)["id"].tolist()[-1] == again.id
-    assert_well_laid(belief)
-
-
 @every_mix
 def test_public_covariance_is_T_P_Tt(kinds: list[int]) -> None:  # noqa: N802
     belief = belief_of(kinds)
@@ -222,27 +198,49 @@ def test_propagation_is_the_textbooks(kinds: list[int]) -> None:
     assert_well_laid(belief)
 
 
-@pytest.mark.parametrize("kinds", MIXES[1:], ids=str)
-def test_a_turn_of_camera_and_map_stays_as_uncertain_as_it_was(kinds: list[int]) -> None:
-    """A belief that knows all but such a turn knows nothing of it after a shift of its mean: P+ = N+ N+^T."""
-    belief = belief_of(kinds)
-    dim = belief.state.dim
-    N = turn_of_everything(belief)
+# The compiled estimators: which keep what no camera can measure, and that a batch of each is the single --------------
+
+SHIFT = 0.03
+
+
+def variant_of(variant: int) -> Belief:
+    """A belief of the paper's scenario."""
+    belief = belief_of([POINT, INVERSE_DEPTH, INVERSE_DEPTH, POINT])
+    belief.state.variant = variant
+    return belief
+
+
+def test_a_turn_of_camera_and_map_is_not_measured_and_stays_as_uncertain_as_it_was() -> None:
+    belief = variant_of(INVARIANT)
+    dim, N = belief.state.dim, turn_of_everything(belief)
+    np.testing.assert_allclose(dense_H(sight_of(belief)) @ N, 0.0, atol=1e-9)
     belief.covariance[:dim, :dim] = N @ N.T
-    delta = 0.1 * np.random.default_rng(1).standard_normal(dim)
+    delta = SHIFT * np.random.default_rng(1).standard_normal(dim)
     delta[3:6] = 0.0
     shift_mean(belief, delta)
-    update_covariance(belief, np.zeros((0, len(delta))), delta)
+    update_covariance(belief, np.zeros((0, dim)), delta)
     N = turn_of_everything(belief)
     np.testing.assert_allclose(joint_covariance(belief), N @ N.T, atol=1e-12)
+    np.testing.assert_allclose(dense_H(sight_of(belief)) @ N, 0.0, atol=1e-9)
 
 
-def test_conversion_does_not_change_the_public_belief() -> None:
-    belief = belief_of(MIXES[3])
-    points, P = public(belief)
-    for k, kind in enumerate(MIXES[3]):
-        if kind != POINT:
-            convert_to_point(belief, k)
-    points_after, P_after = public(belief)
-    np.testing.assert_allclose(points_after, points, rtol=1e-14)
-    np.testing.assert_allclose(P_after, P, rtol=1e-10, atol=1e-14)
+def test_the_plain_filter_keeps_the_covariance_and_so_measures_a_turn() -> None:
+    belief = variant_of(PLAIN)
+    before, N = joint_covariance(belief), turn_of_everything(belief)
+    delta = SHIFT * np.random.default_rng(1).standard_normal(len(before))
+    shift_mean(belief, delta)
+    update_covariance(belief, np.zeros((0, len(delta))), delta)
+    np.testing.assert_allclose(joint_covariance(belief), before, rtol=1e-14)
+    assert np.abs(dense_H(sight_of(belief)) @ N).max() > 1.0
+
+
+@pytest.mark.parametrize("name", COMPILED[1:])
+def test_a_batch_is_the_single_to_the_bit(name: str) -> None:
+    seeds = [TRAINING_SEED, TRAINING_SEED + 1]
+    given = {"scenario": {"estimator": name}, "duration": 3.0, "end_when_lost": False}
+    many = gym.make_vec("ActiveSLAM-v0", num_envs=2, num_threads=1, autoreset_mode="DISABLED", **given)
+    batch = play(many, baselines.make("sweep", many), seeds)
+    one = gym.make("ActiveSLAM-v0", **given)
+    single = play(one, baselines.make("sweep", one), seeds[1:])[0]
+    np.testing.assert_array_equal(batch[1].log_score, single.log_score)
+    assert single.landmarks_mapped[-1] > 0

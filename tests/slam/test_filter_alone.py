@@ -19,7 +19,7 @@ from activeslam_gym.slam.filter import Filter, detections_of
 from activeslam_gym.slam.map import convert_to_point
 from activeslam_gym.slam.restart import restart
 from activeslam_gym.slam.sight import INSIDE
-from tests.support import CAMERA, PAPER, joint_covariance, pixel_of, random_camera, random_spd, simulation_of
+from tests.support import CAMERA, PAPER, joint_covariance, random_camera, random_spd, simulation_of
 
 R_PAPER = CAMERA.pixel_std**2 * np.eye(2)
 
@@ -94,18 +94,6 @@ def test_what_is_missed_too_often_is_forgotten_and_counted() -> None:
     assert len(filter.ids) == 0 and filter.counts.deletions == 1 and filter.belief.state.dim == 12
 
 
-def test_labelled_detections_are_taken_at_their_word() -> None:
-    """Two fiducials, swapped in the image: only their ids tell, and the filter follows them."""
-    filter = Filter(replace(PAPER, orientation_std=0.3), fiducials=[[0.3, 0.0, 2.0], [-0.3, 0.0, 2.0]])
-    turned = np.zeros(13)
-    turned[3:7] = rotate_left(np.array([0.0, 0.0, 0.4]), np.array([1.0, 0, 0, 0]))
-    pixels = [pixel_of(CAMERA, turned, y) for y in filter.fiducials]
-    found = filter.update(detections_of(pixels, R_PAPER, ids=[-1, -2]), labelled=True)
-    assert found.tolist() == [-1, -2]
-    for z, point in zip(pixels, filter.sight().point, strict=True):
-        np.testing.assert_allclose(point.z_hat, z, atol=4.0)
-
-
 def test_time_steps_may_differ_from_call_to_call() -> None:
     """Without a command two halves move the mean as the whole does; noise enters once a step, so P is another."""
     whole, halves = (Filter(camera=random_camera(np.random.default_rng(1))) for _ in range(2))
@@ -139,35 +127,6 @@ def test_images_of_biased_fiducials_at_rest_are_worth_one_measurement_with_the_b
     restart(filter.models.filter.restart, filter.belief)
     assert filter.belief.state.dim == 14 and filter.belief.covariance[12, 12] == std**2
     np.testing.assert_array_equal(filter.belief.covariance[:12, 12:14], 0.0)
-
-
-def test_a_bias_of_no_deviation_changes_nothing() -> None:
-    """A run with initialisations, conversions and a deletion after the bias is that of the filter without one."""
-    runs, seen = [], list[np.ndarray]()
-    for biased in (False, True):
-        rng = np.random.default_rng(1)
-        filter = sure_filter(fiducials=[[0.3, 0.1, 2.0], [-0.4, 0.2, 2.2]])
-        for frame in range(30):
-            filter.predict()
-            if biased and frame == 5:
-                filter.draw_bias(0, 0.0)
-            if frame in (3, 8):
-                for pixel in rng.uniform((80.0, 60.0), (240.0, 180.0), (3, 2)):
-                    filter.add_landmark(pixel)
-            points = filter.sight().point
-            if not biased:
-                seen.append(points["z_hat"] + 0.3 * rng.standard_normal((len(points), 2)))
-            else:
-                rng.standard_normal((len(points), 2))
-            filter.update(detections_of(seen[frame], R_PAPER, ids=points["id"].tolist()), labelled=True)
-            if frame == 12:
-                convert_to_point(filter.belief, 1)
-            if frame == 20:
-                filter.delete(filter.ids[2])
-        runs.append((filter.mean, *filter.points()))
-    assert len(runs[0][1]) == 5
-    for alone, other in zip(*runs):
-        np.testing.assert_allclose(other, alone, rtol=1e-7, atol=1e-12)
 
 
 @pytest.mark.parametrize("turned", [0.0, 0.9])
@@ -259,11 +218,3 @@ def test_fed_an_environments_detections_it_holds_the_environments_belief(initial
     np.testing.assert_array_equal(points, env.belief.landmarks)
     np.testing.assert_array_equal(P, env.belief.covariance)
     np.linalg.cholesky(P)
-
-
-def test_a_full_map_initialises_no_feature_and_known_boxes_hide_fiducials() -> None:
-    filter = Filter(replace(PAPER, landmark_count=1))
-    assert [filter.add_landmark([10.0 * k, 100.0]) for k in range(20)] == [*range(1, 15), *[0] * 6]
-    behind, beside = [0.0, 0.0, 2.0], [0.8, 0.0, 2.0]
-    filter = Filter(fiducials=[behind, beside], boxes=[[[-0.1, -0.5, 1.0], [0.1, 0.5, 1.2]]])
-    assert filter.sight().point["id"].tolist() == [fiducial_id(1)]

@@ -137,6 +137,7 @@ def angles_of(rng: np.random.Generator) -> Case:
     h, J, unused = rng.standard_normal(3), np.empty((2, 3)), np.empty((2, 3))
     angles = layout.angles_of(h, J)
     np.testing.assert_allclose(layout.bearing(*angles)[0], h / np.linalg.norm(h), atol=1e-14)
+    assert np.isfinite(layout.angles_of(np.array([0.0, 1.0, 0.0]), unused)).all() and np.isfinite(unused).all()
     return Case(lambda e: np.array(layout.angles_of(h + e, unused)), J, 1e-4)
 
 

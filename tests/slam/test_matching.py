@@ -13,7 +13,6 @@ from activeslam_gym.metrics import camera_error
 from activeslam_gym.slam.association import (
     Hypotheses,
     association_of,
-    expected_unmapped,
     hypotheses,
     match_jointly,
     match_unknown,
@@ -113,20 +112,9 @@ def test_conditioning_is_the_gaussians() -> None:
     assert np.abs(h.z[rest] - z[rest]).min() > 0.1
 
 
-def test_the_scenes_hold_accepted_and_ambiguous_detections() -> None:
-    found = np.concatenate([matched_jointly(*scene(seed, 3, seed % 3)) >= 0 for seed in range(40)])
-    assert 5 < found.sum() < len(found) - 5
-
-
 @pytest.mark.parametrize(("nodes", "found"), [(400, True), (2, False)])
 def test_where_the_nodes_run_out_nothing_is_accepted(nodes: int, found: bool) -> None:
     assert (matched_jointly(*scene(1, 3, 0), nodes=nodes) >= 0).any() == found
-
-
-def test_unmapped_detections_are_of_landmarks_and_clutter() -> None:
-    model = association_of(Scenario(clutter_rate=2.0))
-    assert expected_unmapped(model, 0) == pytest.approx(0.15 * 30 + 2.0)
-    assert expected_unmapped(model, 40) == pytest.approx(0.3 + 2.0)
 
 
 def answered(

@@ -9,16 +9,16 @@ import pytest
 import activeslam_gym
 from activeslam_gym import SCENARIOS, Motion, Scenario
 from activeslam_gym.camera import View, camera_of, free_way, hidden, visible
-from activeslam_gym.config import ANYWHERE, CLUSTERS, CORNER, SURFACES, benchmark_seed
+from activeslam_gym.config import ANYWHERE, CLUSTERS, CORNER, SURFACES
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import row
 from activeslam_gym.motion import motion_of
 from activeslam_gym.world import simulator
-from activeslam_gym.world.furniture import first_hits, inside_any, reachable
+from activeslam_gym.world.furniture import inside_any, reachable
 from activeslam_gym.world.room import Room, draw_room, varied
 
-PLACES = ("office", "corridor", "rooms", "clusters", "corner", "sprint", "noisy", "mixed")
 BOX = np.array([[[1.0, -1.0, -0.5], [2.0, 1.0, 0.5]]])
+PLACES = ("office", "corridor", "rooms", "clusters", "corner", "sprint", "noisy", "mixed")
 
 
 def drawn(name: str, seed: int) -> tuple[Scenario, Room]:
@@ -54,12 +54,6 @@ def test_rooms_are_sound(name: str, rooms: int) -> None:
         )
         for normal, y in zip(room.normals, room.landmarks):
             assert not hidden(room.boxes, y + 0.05 * normal, y) and (np.abs(y + 0.01 * normal) < half).all()
-
-
-def test_every_room_has_its_own_seeds() -> None:
-    firsts = [benchmark_seed(name, validation) for name in ("paper", *PLACES) for validation in (False, True)]
-    assert len(set(firsts)) == len(firsts) and min(np.diff(sorted(firsts))) >= 500_000
-    assert benchmark_seed("paper") == benchmark_seed("hall") == 1_000_000 and max(firsts) + 500_000 < 2**32
 
 
 def test_landmarks_are_on_surfaces_by_area_and_in_clusters_they_are_near_each_other() -> None:
@@ -110,32 +104,6 @@ def test_starts_are_where_they_should_be() -> None:
 # What hides and what stops ------------------------------------------------------------------------------------------
 
 
-def world_with(boxes: np.ndarray, camera: np.ndarray, scenario: Scenario) -> simulator.World:
-    scenario = replace(scenario, boxes=tuple(tuple(map(tuple, box)) for box in boxes.tolist()))
-    world = row(simulator.empty_worlds(scenario, 1, scenario.box_capacity), 0)
-    none = np.zeros((0, 3))
-    room = Room(camera[:7], camera, np.zeros((6, 3)), np.zeros((27, 3)), none, boxes)
-    simulator.put_room(world, room)
-    return world
-
-
-def camera_at(*position: float) -> np.ndarray:
-    return np.array([*position, 1.0, 0.0, 0.0, 0.0, *[0.0] * 6])
-
-
-def test_a_box_stops_the_camera_and_only_into_it() -> None:
-    calm = Scenario(boxes=(tuple(map(tuple, BOX[0].tolist())),), acceleration_std=0.0, angular_acceleration_std=0.0)
-    motion = motion_of(calm, 1.0)
-    world = world_with(BOX, camera_at(0.89, 0.0, 0.0), calm)
-    world.state.camera[7:10] = 0.4, 0.1, 0.0
-    assert simulator.move(motion, world, np.zeros(6)) == 1
-    np.testing.assert_allclose(world.state.camera[:3], [0.9, 0.005, 0.0])
-    np.testing.assert_allclose(world.state.camera[7:10], [0.0, 0.1, 0.0])
-    assert simulator.move(motion, world, np.zeros(6)) == 0
-    world.state.camera[7] = -0.4
-    assert simulator.move(motion, world, np.zeros(6)) == 0 and world.state.camera[7] == -0.4
-
-
 def test_no_way_leads_into_a_box() -> None:
     """Cameras that are pushed about at random never end up inside, and never leave the room."""
     scenario, room = drawn("office", 3)
@@ -167,11 +135,6 @@ def test_a_free_way_ends_where_a_walk_along_it_enters_a_box(seed: int) -> None:
         assert free_way(boxes, margin, p, way) == pytest.approx(expected, abs=2e-4)
     assert free_way(BOX, 0.1, np.array([0.95, 0.0, 0.0]), np.array([1.0, 0.0, 0.0])) == 0.0
     assert free_way(BOX, 0.1, np.array([0.95, 0.0, 0.0]), np.array([-1.0, 0.2, 0.0])) == 1.0
-
-
-def test_rays_hit_the_first_box_or_wall() -> None:
-    hits = first_hits(BOX, np.array([3.0, 1.0, 3.0]), np.zeros(3), np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 0.5, 0]]))
-    np.testing.assert_allclose(hits, [1.0, 3.0, 2.0])
 
 
 def test_a_surface_is_seen_from_its_front_alone_and_not_too_aslant() -> None:
@@ -225,17 +188,3 @@ def test_a_goal_ends_short_of_a_box_and_the_planner_knows_it() -> None:
         assert core.truth.position[2] == pytest.approx(0.6, abs=0.12), "0.4 m before the box"
         scores = core.motion_scores()
         assert scores[Motion.FORWARD] == pytest.approx(scores[Motion.STAY], abs=2.0)
-
-
-def test_a_sensed_contact_makes_the_velocity_uncertain() -> None:
-    deviations = []
-    for place in (2.0, 2.9):
-        env = gym.make("ActiveSLAM-v0", gaze_period=0.05)
-        env.reset(seed=0)
-        run = env.unwrapped._run
-        run.world.state.camera[0] = place
-        run.world.state.camera[7] = run.ekf.state.camera[7] = 0.5
-        _, _, _, _, info = env.step((Motion.STAY, 2))
-        assert info["events"]["wall_contacts"] == (place == 2.9)
-        deviations.append(float(np.sqrt(run.ekf.covariance[6, 6])))
-    assert deviations[1] > 2.0 * deviations[0]

@@ -1,0 +1,293 @@
+"""Parts of a user's own: they fly, a wrong answer has the part's name and the frame, and `check_…` tells before."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import baselines
+from activeslam_gym.config import DEPTH_PARTICLES, INVERSE_DEPTH, UNKNOWN
+from activeslam_gym.config import KNOWN as BY_LABELS
+from activeslam_gym.envs import checks
+from activeslam_gym.evaluation import Episode, run_episode
+from activeslam_gym.sensors.points import PointSensor
+from activeslam_gym.sensors.sensor import Detections
+from activeslam_gym.slam.ekf import Ekf
+from activeslam_gym.slam.estimate import Estimate
+from examples.extend_estimator import NumpyEkf
+from examples.extend_range_sensor import RangeSensor
+from examples.extend_scene import SphereScene
+from tests.config.test_random_scenarios import random_scenario
+
+NUMPY = {"estimator": NumpyEkf, "scenario": {"association": "known"}}
+
+
+def flown(seed: int, seconds: float, **parts: Any) -> Episode:
+    """An episode of `mi-mi`."""
+    env: Any = gym.make("ActiveSLAM-v0", gaze_period=0.25, duration=seconds, **parts)
+    return run_episode(env, baselines.make("mi-mi", env), seed)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_step_in_python_is_that_of_the_kernel(seed: int) -> None:
+    """In random scenarios: the built-in filter as an object, by the predictions of `PointSensor`, runs in Python."""
+    rng = np.random.default_rng(seed)
+    initialisation = DEPTH_PARTICLES if seed % 4 == 3 else INVERSE_DEPTH
+    association = BY_LABELS if seed % 5 == 4 else UNKNOWN
+    scenario = replace(random_scenario(rng), initialisation=initialisation, association=association)
+    scenario = replace(scenario, labelled_first_match=seed % 7 == 6)
+    kernel, python = (gym.make("ActiveSLAM-v0", scenario=scenario, **own) for own in ({}, {"estimator": Ekf}))
+    for env in (kernel, python):
+        env.reset(seed=seed)
+    for k in range(12):
+        action = k // 4 * 5 % 7, int(rng.integers(3))
+        (observation, reward, *_, info), (other_observation, other, *_, other_info) = (
+            env.step(action) for env in (kernel, python)
+        )
+        mine, theirs = (env.unwrapped.belief for env in (kernel, python))
+        assert mine.ids.tolist() == theirs.ids.tolist()
+        np.testing.assert_allclose(mine.camera, theirs.camera, rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(mine.points, theirs.points, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(mine.covariance, theirs.covariance, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(observation, other_observation, rtol=0.0, atol=1e-6)  # single precision
+        np.testing.assert_allclose((reward, info["log_score"]), (other, other_info["log_score"]), rtol=1e-9, atol=1e-6)
+
+
+def test_a_range_sensor_flies_with_the_built_in_filter_and_planner_and_tells_more_than_a_pixel() -> None:
+    pixel, ranged = ([flown(seed, 10.0, sensor=sensor) for seed in range(4)] for sensor in (PointSensor, RangeSensor))
+    assert np.median([run.log_score[-1] for run in ranged]) > np.median([run.log_score[-1] for run in pixel]) + 10.0
+    assert not any(run.lost or run.events["wrong_matches"].sum() for run in ranged)
+    assert np.mean([run.position_nees for run in ranged]) < 2.0
+
+
+def test_an_estimator_from_outside_flies_a_whole_episode() -> None:
+    run = flown(3, 35.0, **NUMPY)
+    assert not run.lost and run.landmarks_mapped[-1] >= 5
+    assert run.log_score[-1] > 100.0 and run.position_error[-1] < 0.1
+    assert run.events["wrong_matches"].sum() == 0
+
+
+# A wrong answer in an episode ----------------------------------------------------------------------------------------
+
+KNOWN: dict[str, Any] = {"association": "known"}
+
+
+def fails(*_: Any) -> Any:
+    raise KeyError("gone")
+
+
+def stepped(steps: int = 3, **arguments: Any) -> list[dict[str, Any]]:
+    """Infos of some frames, after scores of the motions."""
+    env: Any = gym.make("ActiveSLAM-v0", gaze_period=0.05, **arguments).unwrapped
+    env.reset(seed=0)
+    infos = [env.step((0, 0))[-1] for _ in range(steps)]
+    assert np.isfinite(env.motion_scores()).all()
+    return infos
+
+
+def like(base: type, **methods: Callable[..., Any]) -> type:
+    """A subclass each of whose ``methods`` changes the answer of the base's."""
+
+    def changed(name: str, change: Callable[..., Any]) -> Callable[..., Any]:
+        return lambda self, *arguments: change(getattr(base, name)(self, *arguments))
+
+    return type("Mine", (base,), {name: changed(name, change) for name, change in methods.items()})
+
+
+def first(array: Any, value: Any, dtype: Any) -> np.ndarray:
+    """The array with another first entry."""
+    out = np.array(array).astype(dtype)
+    out.flat[0] = value
+    return out
+
+
+def estimated(**changes: Callable[[Any], Any]) -> type:
+    """An estimator with other fields of its estimates, once there are landmarks."""
+
+    def change(e: Estimate) -> Estimate:
+        new = {name: function(getattr(e, name)) for name, function in changes.items()} if len(e.ids) else {}
+        return replace(e, **new)
+
+    return like(NumpyEkf, estimate=change)
+
+
+WRONG_ESTIMATORS = {
+    "an id of nothing": like(NumpyEkf, update=lambda m: first(m, 999, int)),
+    "a failing predict": like(NumpyEkf, predict=fails),
+    "the same id twice": estimated(ids=lambda ids: np.full(len(ids), ids[0])),
+    "infinite points": estimated(points=lambda y: first(y, np.inf, float)),
+    "a long quaternion": estimated(camera=lambda x: 2.0 * x),
+    "an asymmetric covariance": estimated(covariance=lambda P: P + np.triu(np.full(P.shape, 1e-3), 1)),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG_ESTIMATORS)
+def test_ids_of_nothing_made_a_map_look_better(wrong: str) -> None:
+    with pytest.raises(ValueError, match="the estimator '.*:Mine'") as told:
+        stepped(scenario=KNOWN, estimator=WRONG_ESTIMATORS[wrong])
+    assert "in frame" in str(told.value)
+
+
+def sensed(change: Callable[[Any, Any], Any]) -> type:
+    return like(RangeSensor, measure=lambda found: change(*found))
+
+
+def nothing(*_: Any) -> Detections:
+    return Detections(np.zeros((0, 3)), [])  # type: ignore[arg-type]
+
+
+WRONG_SENSORS = {
+    "labels of nothing": sensed(lambda values, labels: (values, labels + 999)),
+    "too many": sensed(lambda values, labels: (np.tile(values, (99, 1)), np.tile(labels, 99))),
+    "a failing measure": like(RangeSensor, measure=fails),
+    "no visibility": type("Mine", (like(RangeSensor, visible=lambda seen: None),), {"measure": nothing}),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG_SENSORS)
+def test_a_wrong_answer_of_a_sensor_is_told_by_name(wrong: str) -> None:
+    with pytest.raises(ValueError, match="the sensor '.*:Mine'"):
+        stepped(scenario=KNOWN, sensor=WRONG_SENSORS[wrong], estimator=NumpyEkf)
+
+
+WRONG_SCENES = {
+    "no bounds": type("Mine", (SphereScene,), {"bounds": None, "__init__": lambda *_: None}),
+    "no clearance": like(SphereScene, clearance=lambda free: None),
+    "a failing clearance": like(SphereScene, clearance=fails),
+    "blocks of None": like(SphereScene, blocks=lambda hides: None),
+    "no scene": lambda *_: None,
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG_SCENES)
+def test_a_wrong_answer_of_a_scene_is_told_by_name(wrong: str) -> None:
+    with pytest.raises(ValueError, match="the scene '"):
+        stepped(scene=WRONG_SCENES[wrong])
+
+
+# `check_scene`, `check_sensor`, `check_estimator` --------------------------------------------------------------------
+
+
+class OneWay(SphereScene):
+    def blocks(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return super().blocks(a, b) & (b[:, 0] > a[0])
+
+
+class FarClearance(SphereScene):
+    def clearance(self, p: np.ndarray, directions: np.ndarray, farthest: float) -> np.ndarray:
+        return np.minimum(super().clearance(p, directions, farthest) + 0.1, farthest)
+
+
+class NormalsInward(SphereScene):
+    def sample(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        points, normals = super().sample(n, rng)
+        return points, -normals
+
+
+class AnotherEachTime(SphereScene):
+    def sample(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        return super().sample(n, np.random.default_rng())
+
+
+SCENE_LAWS = {
+    OneWay: "from b to a|past their clearance",
+    FarClearance: "before their clearance",
+    NormalsInward: "on no surface",
+    AnotherEachTime: "another one each time",
+}
+
+
+@pytest.mark.parametrize("wrong", SCENE_LAWS)
+def test_a_scene_that_breaks_a_law(wrong: type) -> None:
+    checks.check_scene(SphereScene)
+    with pytest.raises(ValueError, match=f"the scene '.*:{wrong.__name__}'.*({SCENE_LAWS[wrong]})"):
+        checks.check_scene(wrong)
+
+
+class Turned(RangeSensor):
+    def predict(self, camera: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        z, H_x, H_y = super().predict(camera, point)
+        H_x[:, 3:] *= -1.0
+        return z, H_x, H_y
+
+
+class Blind(RangeSensor):
+    def visible(self, camera: np.ndarray, points: np.ndarray) -> np.ndarray:
+        return np.zeros(len(points), bool)
+
+    def measure(self, truth: Any, time: float) -> Detections:
+        return RangeSensor(self._scenario, np.random.SeedSequence(0)).measure(truth, time)
+
+
+class Precise(RangeSensor):
+    def measure(self, truth: Any, time: float) -> Detections:
+        values, labels = super().measure(truth, time)
+        again = RangeSensor(self._scenario, np.random.SeedSequence(1)).measure(truth, time)
+        return Detections(values + (again.values - [self.predict(*seen(truth, k))[0] for k in labels]), labels)
+
+
+def seen(truth: Any, label: int) -> tuple[np.ndarray, np.ndarray]:
+    """The true camera, and the point of a label."""
+    camera = np.concatenate((truth.position, truth.quaternion, truth.velocity, truth.angular_velocity))
+    return camera, np.vstack((truth.fiducials, truth.landmarks))[label]
+
+
+class ByChance(RangeSensor):
+    def measure(self, truth: Any, time: float) -> Detections:
+        values, labels = super().measure(truth, time)
+        return Detections(values + np.random.default_rng().normal(size=values.shape), labels)
+
+
+SENSOR_LAWS = {
+    Turned: "Jacobians",
+    Blind: r"visible\(\) denies",
+    Precise: "times the noise",
+    ByChance: "measures something else",
+}
+
+
+@pytest.mark.parametrize("wrong", SENSOR_LAWS)
+def test_a_sensor_that_breaks_a_law(wrong: type) -> None:
+    checks.check_sensor("examples.extend_range_sensor:RangeSensor")
+    with pytest.raises(ValueError, match=f"the sensor '.*{wrong.__name__}'.*{SENSOR_LAWS[wrong]}"):
+        checks.check_sensor(wrong)
+
+
+class Overconfident(Ekf):
+    def estimate(self) -> Estimate:
+        given, n = super().estimate(), 1e-4
+        return replace(given, covariance=given.covariance * (n if len(given.ids) else 1.0))
+
+
+class Negative(Ekf):
+    def estimate(self) -> Estimate:
+        given = super().estimate()
+        P = given.covariance.copy()
+        if len(given.ids):
+            P[0, 1] = P[1, 0] = 2.0 * np.sqrt(P[0, 0] * P[1, 1])
+        return replace(given, covariance=P)
+
+
+class Certain(Ekf):
+    def reset(self, mean: np.ndarray, covariance: np.ndarray) -> None:
+        super().reset(mean, 0.01 * covariance)
+
+
+ESTIMATOR_LAWS = {Overconfident: "overconfident", Negative: "not positive definite", Certain: "begins with"}
+
+
+@pytest.mark.parametrize("wrong", ESTIMATOR_LAWS)
+def test_an_estimator_that_breaks_a_law(wrong: type) -> None:
+    checks.check_estimator(Ekf)
+    with pytest.raises(ValueError, match=f"the estimator '.*:{wrong.__name__}'.*{ESTIMATOR_LAWS[wrong]}"):
+        checks.check_estimator(wrong)
+
+
+def test_the_package_s_own_parts_hold_the_laws() -> None:
+    checks.check_scene("boxes", "office")
+    checks.check_estimator("ekf")
+    with pytest.raises(ValueError, match="the package's own; allowed"):
+        checks.check_sensor("points")

@@ -332,7 +332,6 @@ def _explore(model: Record, h: Hypotheses, search: Search, answer: np.ndarray, o
     are conditioned on it.
     """
     (n, M), detections = h.d2.shape, search.detections
-    measure_distances(h, detections)
     decided, fewest, others, pairs, reached = -1, M + 1, -1, 0, np.zeros(M, np.bool_)
     for a in range(n):
         near = 0
@@ -363,11 +362,13 @@ def _explore(model: Record, h: Hypotheses, search: Search, answer: np.ndarray, o
         search.nodes[0] += 1
         if search.nodes[0] > model.nodes:
             return
-        below, left = Hypotheses(h.z.copy(), h.S.copy(), h.d2.copy(), h.cost.copy()), open.copy()
-        answer[decided] = i
-        below.d2[decided, :], left[decided] = np.inf, False
+        left, below = open.copy(), Hypotheses(h.z, h.S, h.d2.copy(), h.cost)  # a miss tells nothing of the others
+        answer[decided], left[decided] = i, False
         if i < M:
+            below = Hypotheses(h.z.copy(), h.S.copy(), below.d2, h.cost.copy())
             accept(below, decided, i, detections)
+            measure_distances(below, detections)
+        below.d2[decided, :] = np.inf
         _explore(model, below, search, answer.copy(), left, score + worth)
 
 

@@ -97,7 +97,7 @@ class BestWeights(BaseCallback):
         rollout = getattr(self.model, "n_steps", 1) * self.training_env.num_envs
         left = -(-(self.args.total_steps - self.num_timesteps) // rollout) * rollout
         total = self.num_timesteps + left
-        self.bar = tqdm(total=total, initial=self.num_timesteps, unit="decision", unit_scale=True)
+        self.bar = tqdm(total=total, initial=self.num_timesteps, unit="decision", unit_scale=True, disable=None)
         if self.args.initial and not self.num_timesteps:
             self._visit()  # the initial weights may be the best
 
@@ -138,7 +138,9 @@ class BestWeights(BaseCallback):
             self.keep(found)
         each = ", ".join(f"{name} {mean:.0f}" for name, mean in means.items())
         message = f"mean return {found:.0f}{f' ({each})' if several else ''}, failures {100 * np.mean(failed):.0f} %"
-        self.bar.write(f"{self.num_timesteps:>9,} decisions: validation: {message}{'; kept' if better else ''}")
+        self.bar.write(
+            f"{self.num_timesteps:>9,} decisions, {self.seconds():,.0f} s: validation: {message}{'; kept' if better else ''}"
+        )
 
     def _validation(self, scenario: str, batch: VecEnv) -> tuple[list[float], list[dict[str, Any]]]:
         """Returns and last infos of the validation episodes of a scenario."""

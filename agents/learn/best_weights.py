@@ -138,9 +138,8 @@ class BestWeights(BaseCallback):
             self.keep(found)
         each = ", ".join(f"{name} {mean:.0f}" for name, mean in means.items())
         message = f"mean return {found:.0f}{f' ({each})' if several else ''}, failures {100 * np.mean(failed):.0f} %"
-        self.bar.write(
-            f"{self.num_timesteps:>9,} decisions, {self.seconds():,.0f} s: validation: {message}{'; kept' if better else ''}"
-        )
+        done = f"{self.num_timesteps:>9,} decisions, {self.seconds():,.0f} s"
+        self.bar.write(f"{done}: validation: {message}{'; kept' if better else ''}")
 
     def _validation(self, scenario: str, batch: VecEnv) -> tuple[list[float], list[dict[str, Any]]]:
         """Returns and last infos of the validation episodes of a scenario."""

@@ -86,7 +86,8 @@ else:
 def record(**fields: Any) -> np.dtype[Any]:
     """The type of a record with these fields: ``name="f8"``, ``name=("f8", 3)``, or a record in the record.
 
-    A record of an array, ``states[i]``, is a view, in kernels and outside: ``states[i].dim = 12`` writes.
+    A record of an array, ``states[i]``, is a view, in kernels and outside: ``states[i].dim = 12`` writes. An argument
+    has the name of its type: ``motion`` is a MOTION. A ``lens`` is a CAMERA, and ``model`` the constants of its module.
     """
     return np.dtype(
         (Record, [(name, *(kind if isinstance(kind, tuple) else (kind,))) for name, kind in fields.items()])

@@ -4,16 +4,13 @@
 |---|---|---|
 | `_Part`: functions that only kernels call are optimised within them alone | 53 s | 116 s |
 | `_plain`: a literal's value, or a record's array, makes no function of its own | 44 s | 52 s |
-| `_Cache`: kernels are kept on disk, by the content of all modules that they are made of | 1.3 s | 53 s |
+| `_Cache`: kernels are kept by the content of all their modules; Numba's looks at the kernel's own | 1.3 s | 53 s |
 | `borrowing`, `borrowed`: references to the arrays of a run are not counted | 45 µs a frame | 50 µs |
-
-Numba's own cache looks at the file of a kernel alone, and overlooks an edit of a function that the kernel calls.
 """
 
 import contextlib
 import functools
 import hashlib
-import os
 import pickle
 import sys
 from collections.abc import Callable
@@ -39,23 +36,14 @@ _SIGNS = b"@compiled", b"@borrowing", b"@inlined", b" = record(", b" = constants
 
 
 class _Part(JITCodeLibrary):
-    """The code of a function that only kernels call: linked into them, and optimised there alone.
-
-    Numba by itself optimises every function and makes machine code of it, and does so again within each of its callers.
-    """
+    """The code of a function that only kernels call: linked into them, and optimised there alone."""
 
     codegen = property(lambda self: self)  # gets the constants of a function's errors; a kernel raises none
 
     def set_env(self, name: str, environment: Any) -> None: ...
-
     def _optimize_final_module(self) -> None: ...
-
     def _finalize_final_module(self) -> None:
         self._finalized = True
-
-    def get_pointer_to_function(self, name: str) -> int:
-        self._ensure_finalized()
-        return 0
 
 
 class _PartCompiler(Compiler):
@@ -82,9 +70,7 @@ def link(call: Any, function: Callable[..., Any], **options: Any) -> None:
     alone: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": _PartCompiler}
     call.part = njit(**{"error_model": "numpy", "_nrt": True, **options, **alone})(function)
     found = call.part.get_call_template
-    call.part.get_call_template = lambda arguments, named: found(
-        tuple(map(_plain, arguments)), {name: _plain(kind) for name, kind in named.items()}
-    )
+    call.part.get_call_template = lambda arguments, named: found(tuple(map(_plain, arguments)), named)
     infer_global(call, types.Dispatcher(call.part))
 
 
@@ -115,43 +101,38 @@ def _content(upper_floor: bool) -> str:
 
 
 class _Cache(FunctionCache):
-    """Numba's own cache in a folder named after the `_content`; each kernel has a file named after its types.
-
-    A kernel that cannot be loaded is compiled again.
-    """
+    """Numba's own cache in a folder named after the `_content`; each kernel has a file named after its types."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
         source = Path(function.__code__.co_filename)
         content = _content(source.is_relative_to(_UPPER_FLOOR))
         self._stamp = content if source.is_relative_to(_PACKAGE) else (content, self._impl.locator.get_source_stamp())
-        self._cache_path = os.path.join(self._cache_path, f"kernels-{content}")
-        self._cache_file: Any = self  # in the place of Numba's files: `load` and `save`
+        self._folder = Path(self._cache_path, f"kernels-{content}")
 
     def _file(self, key: Any) -> Path:
         digest = hashlib.sha256(repr(key).encode()).hexdigest()[:16]
-        return Path(self._cache_path, f"{self._impl.filename_base}.{digest}.nbc")
-
-    def load(self, key: Any) -> Any:
-        identity, kernel = pickle.loads(self._file(key).read_bytes())
-        return kernel if identity == (self._stamp, key) else None
-
-    def save(self, key: Any, kernel: Any) -> None:
-        with written_whole(self._file(key)) as unfinished:
-            unfinished.write_bytes(dumps(((self._stamp, key), kernel)))
+        return self._folder / f"{self._impl.filename_base}.{digest}.nbc"
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
+        target_context.refresh()
+        key = self._index_key(sig, target_context.codegen())
         with contextlib.suppress(Exception):  # absent or damaged, or of a module that is no longer installed
-            if (found := super().load_overload(sig, target_context)) is not None:
-                return found
+            identity, kernel = pickle.loads(self._file(key).read_bytes())
+            if identity == (self._stamp, key):
+                return self._impl.rebuild(target_context, kernel)
         _say_once("compiling kernels (a minute or two), which are kept for the next time ...")
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
+        if not self._impl.check_cachable(data):
+            return
+        key = self._index_key(sig, data.codegen)
         try:
-            super().save_overload(sig, data)
+            with written_whole(self._file(key)) as unfinished:
+                unfinished.write_bytes(dumps(((self._stamp, key), self._impl.reduce(data))))
         except OSError as error:
-            _say_once(f"kernels cannot be kept in {self._cache_path}, and are compiled at every start: {error}")
+            _say_once(f"kernels cannot be kept in {self._folder}, and are compiled at every start: {error}")
 
 
 def keep(kernel: Any, function: Callable[..., Any]) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 
 from activeslam_gym.camera import view_of, visible
 from activeslam_gym.envs.run import Run, known_boxes
-from activeslam_gym.information.expectation import VIEW, WAITING
+from activeslam_gym.information.entropy import VIEW, WAITING
 from activeslam_gym.kernels import Record, borrowing, compiled
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.world.noise import uniforms

@@ -8,8 +8,7 @@ import numpy as np
 from activeslam_gym.camera import distance_between
 from activeslam_gym.envs.reward import REWARDS, potential_of_number
 from activeslam_gym.envs.run import NO_OWNER, UNKNOWN, Run
-from activeslam_gym.information.entropy import LOG2_2PIE, gathered, log2_dets, traces
-from activeslam_gym.information.expectation import find_counting
+from activeslam_gym.information.entropy import LOG2_2PIE, find_counting, gathered, log2_dets, traces
 from activeslam_gym.kernels import borrowing, compiled
 from activeslam_gym.linalg import cholesky_in_place
 from activeslam_gym.metrics import UNSOUND_LOG_SCORE, camera_error, is_lost, log2_density, nees

@@ -8,7 +8,7 @@ from activeslam_gym.envs.run import NO_OWNER, UNKNOWN, Run, write_whole_estimate
 from activeslam_gym.envs.setting import Setting
 from activeslam_gym.envs.step import end_frame
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.information.expectation import WAITING
+from activeslam_gym.information.entropy import WAITING
 from activeslam_gym.kernels import compiled
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import QUATERNION

@@ -15,7 +15,7 @@ from activeslam_gym.camera import View, camera_point, view_of, visible
 from activeslam_gym.config import Scenario
 from activeslam_gym.envs.run import Run, known_boxes
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.information.expectation import WAITING, waiting_count
+from activeslam_gym.information.entropy import WAITING, waiting_count
 from activeslam_gym.kernels import borrowing, compiled, inlined
 from activeslam_gym.linalg import diagonal, log2_det_3
 from activeslam_gym.motion import (

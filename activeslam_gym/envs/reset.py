@@ -12,7 +12,7 @@ from activeslam_gym.envs.observation import layout_of
 from activeslam_gym.envs.run import EPISODE, MODELS, OWNER, Run
 from activeslam_gym.envs.setting import Setting, models_of
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.information.expectation import EXPECTED, VIEW, WAITING
+from activeslam_gym.information.entropy import EXPECTED, VIEW, WAITING
 from activeslam_gym.kernels import row
 from activeslam_gym.motion import POSITION, QUATERNION
 from activeslam_gym.sensors.sensor import TEXTURED

@@ -6,9 +6,10 @@ import gymnasium
 import numpy as np
 
 from activeslam_gym.config import Scenario
-from activeslam_gym.envs.public import Reads, public_belief
+from activeslam_gym.envs.public import public_belief
 from activeslam_gym.envs.run import known_boxes
-from activeslam_gym.information.expectation import WAITING
+from activeslam_gym.envs.runs import Runs
+from activeslam_gym.information.entropy import WAITING
 from activeslam_gym.kernels import uncompiled
 from activeslam_gym.motion import Gaze, Motion, nearest_gaze, nearest_motion
 from activeslam_gym.slam.estimate import COMPILED
@@ -84,7 +85,7 @@ def _floor_plan(scene: Scene | None, position: np.ndarray) -> np.ndarray:
     return met
 
 
-def snapshot_of(runs: Reads, i: int) -> Snapshot:
+def snapshot_of(runs: Runs, i: int) -> Snapshot:
     """The present moment of run ``i``.
 
     With images it has the last one, and of the truth those scene points that features stand for.

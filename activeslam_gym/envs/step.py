@@ -13,7 +13,7 @@ from activeslam_gym.envs.evaluation import begin_score, evaluate, give_reward, j
 from activeslam_gym.envs.observation import FARTHEST_CLEARANCE, observe
 from activeslam_gym.envs.run import Run, known_boxes, run_at, write_whole_estimate
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.information.expectation import find_counting, update_expectation
+from activeslam_gym.information.entropy import find_counting, update_expectation
 from activeslam_gym.kernels import compiled
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import POSITION, QUATERNION, accelerations, goal_by, turn_by
@@ -160,7 +160,10 @@ def measure(run: Run) -> bool:
 
 @compiled
 def identify(run: Run) -> bool:
-    """Give the detections their true ids, where the scenario does; whether it does in this frame."""
+    """Give the detections their true ids, where the scenario does; whether the frame is labelled so.
+
+    A label tells what a detection is of, see `World`; the filter never reads it. An id is of a feature or a fiducial.
+    """
     task = run.models.task
     labelled = task.association_known or (task.labelled_first_match and run.world.state.frame == 0)
     for i in range(run.episode.detection_count):

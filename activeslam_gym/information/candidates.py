@@ -12,8 +12,7 @@ import numpy as np
 from activeslam_gym.camera import change_of_view, distance_between, free_way, view_of, visible
 from activeslam_gym.geometry import rotate_left, rotation_matrix
 from activeslam_gym.information.criteria import criterion_of_number
-from activeslam_gym.information.entropy import gathered
-from activeslam_gym.information.expectation import WAITING, waiting_count
+from activeslam_gym.information.entropy import WAITING, gathered, waiting_count
 from activeslam_gym.kernels import Record, compiled, record
 from activeslam_gym.linalg import cholesky_in_place, copy_block, copy_into, solve_transposed, subtract_symmetric
 from activeslam_gym.motion import (

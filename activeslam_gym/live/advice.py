@@ -15,8 +15,7 @@ from activeslam_gym.information.candidates import (
     score_plans,
 )
 from activeslam_gym.information.criteria import CRITERIA
-from activeslam_gym.information.entropy import gathered, log2_dets
-from activeslam_gym.information.expectation import EXPECTED, WAITING, update_expectation
+from activeslam_gym.information.entropy import EXPECTED, WAITING, gathered, log2_dets, update_expectation
 from activeslam_gym.kernels import record
 from activeslam_gym.linalg import cholesky_in_place
 from activeslam_gym.motion import MOTION_COUNT, Motion, motion_of

@@ -7,7 +7,7 @@ from activeslam_gym.camera import View, visible
 from activeslam_gym.config import Scenario
 from activeslam_gym.envs.disproof import WELL_INSIDE_PX, disprove
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.information.expectation import EXPECTED, WAITING
+from activeslam_gym.information.entropy import EXPECTED, WAITING
 from tests.support import CAMERA, NO_BOXES, simulation_of
 
 HALF, POSE = np.array([3.0, 1.0, 3.0]), np.array([0.0, 0, 0, 1, 0, 0, 0])

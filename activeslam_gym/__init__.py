@@ -12,6 +12,7 @@ from activeslam_gym.envs.active_slam_vector import (
     ActiveSLAMVectorEnv,
 )
 from activeslam_gym.envs.checks import check_estimator, check_scene, check_sensor
+from activeslam_gym.envs.compiling import warm_up
 from activeslam_gym.envs.observation import CONTEXT_FEATURES, ObservationLayout
 from activeslam_gym.motion import Gaze, Motion
 
@@ -53,23 +54,6 @@ gymnasium.register(
     entry_point="activeslam_gym.envs.active_slam_pixels:ActiveSLAMPixelsEnv",
     vector_entry_point="activeslam_gym.envs.active_slam_pixels:ActiveSLAMPixelsVectorEnv",
 )
-
-
-def warm_up(images: bool = False) -> None:
-    """Compile the kernels of steps and scores, or load them, for programs that fork, or that must not wait later.
-
-    Independent ones are compiled at the same time, as many as there are cores. ``images``: those of
-    ``ActiveSLAMPixels-v0`` too, which needs OpenCV.
-
-    Raises:
-        RuntimeError: kernels cannot be compiled; the message has the cause.
-    """
-    from activeslam_gym.envs import compiling
-
-    kernels = [compiling.steps, compiling.scores, *([compiling.images] if images else [])]
-    compiling.compile_all(kernels)
-    for kernel in kernels:
-        kernel()
 
 
 def core_of(env: gymnasium.Env | gymnasium.vector.VectorEnv) -> Any:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from activeslam_gym import Gaze, Motion, core_of
-from activeslam_gym.information.candidates import held_plans
+from activeslam_gym.information.candidates import held_plans, motion_plans
 
 from .policy import Actions, Environment, Policy, best
 
@@ -45,6 +45,7 @@ class AmortisedGreedy(Greedy):
 
     def __init__(self, env: Environment, **criteria: Criterion | None) -> None:
         super().__init__(env, **criteria)
+        self._plans = motion_plans(round(self.env.motion_period / self.env.scenario.frame_time))
         steps = self.env.steps_per_motion
         slots = min(steps - 1, len(Motion))
         self._phase_of_candidate = steps - slots + np.arange(len(Motion)) * slots // len(Motion)
@@ -70,8 +71,8 @@ class AmortisedGreedy(Greedy):
         for motion in Motion:
             turn = phase == self._phase_of_candidate[motion]
             if turn.any():
-                score = self.per_env(self.env.motion_score(motion, self.motion_criterion))
-                self._scores[turn, motion] = score[turn]
+                score = self.per_env(self.env.scores(self._plans[motion:][:1], self.motion_criterion))
+                self._scores[turn, motion] = score[turn, 0]
 
 
 class JointGreedy(Greedy):

@@ -6,12 +6,18 @@ from typing import Any
 import numpy as np
 
 from activeslam_gym import Motion
-from activeslam_gym.evaluation import TARGET, Episode, matched_ids
+from activeslam_gym.evaluation import TARGET, Episode
 from activeslam_gym.metrics import LoopClosures
 
 LATERAL = (Motion.RIGHT, Motion.LEFT, Motion.UP, Motion.DOWN)  # perpendicular to the optical axis
 CHANCE = 100.0 * len(LATERAL) / len(Motion)  # per cent of lateral commands, if all are as likely
 MINUTE = 60.0  # the time of the paper's figure 5 b [s]
+
+
+def matched_ids(core: Any) -> list[int]:
+    """Ids of the matches of the last frame: of features, also new ones, and −1 − k of fiducial k."""
+    matched = core.labels.matched
+    return matched[(matched != 0) & (matched >= -core.scenario.fiducial_count)].tolist()
 
 
 class Matches:
@@ -68,7 +74,7 @@ class WithoutExpected:
     def __call__(self, core: Any, info: dict[str, Any]) -> None:
         """Move them after the reset."""
         if core.time == 0.0:
-            core.expect(np.tile((0.0, -1000.0, 0.0), (core.scenario.landmark_count, 1)))
+            core._run.expected["point"] = 0.0, -1000.0, 0.0
 
 
 def at_target(runs: Sequence[Episode], name: str, otherwise: float) -> np.ndarray:

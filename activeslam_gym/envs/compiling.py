@@ -3,7 +3,7 @@
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 
 import numpy as np
@@ -38,7 +38,7 @@ def _play(env: ActiveSLAMEnv) -> None:
     env.step((Motion.STAY, Gaze.STAY))
 
 
-def compile_all(kernels: list[Callable[[], None]]) -> None:
+def compile_all(kernels: Sequence[Callable[[], None]]) -> None:
     """Compile ``kernels`` in processes, as many at a time as there are cores, and report each that is ready.
 
     Raises:
@@ -59,3 +59,22 @@ def compile_all(kernels: list[Callable[[], None]]) -> None:
             bar = "#" * len(done) + "." * (len(kernels) - len(done))
             line = f"activeslam_gym: kernels [{bar}] {', '.join(done)}: {time.monotonic() - began:.0f} s"
             print(line, file=sys.stderr, flush=True)
+
+
+_ON_POINTS = (steps, scores)
+_ON_IMAGES = (*_ON_POINTS, images)
+
+
+def warm_up(images: bool = False) -> None:
+    """Compile the kernels of steps and scores, or load them, for programs that fork, or that must not wait later.
+
+    Independent ones are compiled at the same time, as many as there are cores. ``images``: those of
+    ``ActiveSLAMPixels-v0`` too, which needs OpenCV.
+
+    Raises:
+        RuntimeError: kernels cannot be compiled; the message has the cause.
+    """
+    kernels = _ON_IMAGES if images else _ON_POINTS
+    compile_all(kernels)
+    for kernel in kernels:
+        kernel()

@@ -44,7 +44,7 @@ def entropy(e: Record) -> float:
 
 @compiled
 def log_score(e: Record) -> float:
-    """log2 N(truth | belief) over camera and true landmarks [bit]: a proper score."""
+    """log2 N(truth | belief) over camera and true landmarks [bit]: a proper score; its gains sum to the log score."""
     return e.log_density
 
 

@@ -91,8 +91,8 @@ class Run(NamedTuple):
 
     models: Record  # MODELS
     world: World  # the truth
-    ekf: Belief  # the arrays of the estimator `ekf`: only `slam` reads them
-    estimate: EstimateArrays  # what everything else reads of the estimator
+    ekf: Belief  # the belief of the filter, in its own parameters: only `slam` reads it
+    estimate: EstimateArrays  # the same with a point for each feature, or a foreign estimator's: all else reads this
     expected: np.ndarray  # (N,) EXPECTED landmarks
     viewpoint: np.ndarray  # (V,) VIEW from which was looked for them; V = 0 without negative information
     detections: np.ndarray  # (M,) DETECTION: the last frame's detections, as the filter gets them

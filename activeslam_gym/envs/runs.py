@@ -1,24 +1,25 @@
-"""Runs of one setting that are reset and stepped together: the single and the vector environment have it in common."""
+"""Runs of one setting that are reset, stepped and read together: what single and vector environments have in common."""
 
 from typing import Any
 
 import numpy as np
 
-from activeslam_gym.config import MOST_HELD_FRAMES, Scenario
-from activeslam_gym.envs.actions import PAIRS, Encoding
-from activeslam_gym.envs.evaluation import give_reward
+from activeslam_gym.config import Scenario
+from activeslam_gym.envs.actions import PAIRS, Encoding, action_masks
+from activeslam_gym.envs.evaluation import give_reward, landmark_errors
+from activeslam_gym.envs.observation import context_of
 from activeslam_gym.envs.perception import Perception, PointPerception, PythonPerception, step_runs_in_python
-from activeslam_gym.envs.reset import Start, reset_run
+from activeslam_gym.envs.reset import Start, box_scene, reset_run
 from activeslam_gym.envs.run import Run, complete
 from activeslam_gym.envs.setting import Setting
 from activeslam_gym.envs.step import REST, STEP, step_runs
-from activeslam_gym.information import candidates
 from activeslam_gym.kernels import row, uncompiled
 from activeslam_gym.motion import POSITION
 from activeslam_gym.registry import FOREIGN, number_from
 from activeslam_gym.sensors.sensor import CORNERS, IMAGES, POINTS, TEXTURED
 from activeslam_gym.slam.estimate import COMPILED
 from activeslam_gym.threads import Workers
+from activeslam_gym.world.scenes import Scene
 
 
 def is_compiled(scenario: Scenario) -> bool:
@@ -43,7 +44,11 @@ def perception_of(setting: Setting, run: Run, start: Start, key: int) -> Percept
 
 
 class Runs:
-    """B runs in arrays with a leading axis, the threads that share them, and the past that pictures show."""
+    """The part that a single environment and a batch share: B runs, their `Perception` and threads, and the past.
+
+    A *run* is the arrays of one environment (`run.Run`), with a leading axis in ``_runs``; its EPISODE is its progress
+    since the reset.
+    """
 
     _encoding: Encoding = PAIRS
 
@@ -65,11 +70,6 @@ class Runs:
         self._orders, self._commands = np.zeros(count, np.int64), np.zeros((count, 4))
         self._perceptions: list[Any] = [None] * count
         self._histories = [History() for _ in range(count)]
-        self._motion_frames = int(task.frames_per_step) * self.steps_per_motion
-        self._motion_plans = candidates.motion_plans(self._motion_frames)
-        held = min(round((self.scenario.gaze_horizon or 0.0) / self.scenario.frame_time), MOST_HELD_FRAMES)
-        self._gaze_plans = candidates.gaze_plans(max(int(task.frames_per_step), held))
-        self._joint_plans = candidates.joint_plans(self._motion_frames)
 
     def _reset_run(self, i: int, key: int) -> None:
         """Give run ``i`` a new room from ``key``; it is to BEGIN next."""
@@ -113,6 +113,48 @@ class Runs:
 
     def _each(self) -> list[Run]:
         return [self._at(i) for i in range(len(self._runs.episode))]
+
+    def _scenes(self) -> tuple[Scene, ...]:
+        """The scene of each run."""
+        foreign = [getattr(perception, "scene", None) for perception in self._perceptions]
+        return tuple(scene or box_scene(row(self._runs, i)) for i, scene in enumerate(foreign))
+
+    def _given(self, batch: np.ndarray) -> Any:
+        """``batch`` (B, ...) as readers get it: with a leading axis of a batch, without one of a single environment."""
+        raise NotImplementedError
+
+    @property
+    def motion_phase(self) -> Any:
+        """Steps since the present motion period began; the next step's motion is read where this is 0."""
+        return self._given(self._runs.episode["steps"] % self.steps_per_motion)
+
+    @property
+    def time(self) -> Any:
+        """Time since the reset [s]."""
+        return self._given(self._runs.episode["steps"] * self.gaze_period)
+
+    def action_masks(self) -> np.ndarray:
+        """(10,) bool, motions and then gazes (discrete: (21,)): false for a motion that the next step would ignore.
+
+        Sb3-contrib's `MaskablePPO` reads it.
+
+        Raises:
+            AttributeError: the actions are continuous.
+        """
+        episode = self._runs.episode
+        phases = episode["steps"] % self.steps_per_motion
+        return self._given(action_masks(self._encoding.space(), episode["control"]["command"], phases))
+
+    @property
+    def context(self) -> Any:
+        """What a policy for several scenarios needs beside the observation; `CONTEXT_FEATURES`."""
+        return self._given(context_of(self._runs, self.duration))
+
+    @property
+    def landmark_errors(self) -> np.ndarray:
+        """(L,) distance of each true landmark from its mapped feature [m]; NaN where it is not. For the evaluator."""
+        each = [landmark_errors(run.owner, run.world.landmarks, run.estimate) for run in self._each()]
+        return self._given(np.stack(each))
 
 
 class History:

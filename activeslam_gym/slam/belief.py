@@ -301,7 +301,6 @@ def write_estimate(belief: Belief, mapped_depth_ratio: float, estimate: Estimate
     for k in range(belief.state.count):
         feature, landmark = belief.feature[k], estimate.landmark[k]
         landmark.converted, landmark.mapped = feature.kind == POINT, depth_ratio(belief, k) < mapped_depth_ratio
-        copy_into(landmark.anchor, feature.mean[ANCHOR])
         copy_into(landmark.point, points[k])
     estimate.state.whole = True
 

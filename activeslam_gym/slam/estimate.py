@@ -33,7 +33,6 @@ CAMERA_ESTIMATE = record(
 
 LANDMARK_ESTIMATE = record(
     point=("f8", 3),  # world position [m]
-    anchor=("f8", 3),  # where the line of sight begins of a landmark that is not converted yet [m]
     id="i8",
     mapped="b1",  # the deviation of its depth over its depth is under the scenario's ratio
     converted="b1",  # the estimator holds it as a point
@@ -181,7 +180,7 @@ def put_estimate(estimate: Estimate, arrays: EstimateArrays) -> None:
     arrays.covariance[:size, :size] = estimate.covariance
     own = landmark[:n]
     own["id"], own["point"], own["mapped"] = estimate.ids, estimate.points, estimate.mapped
-    own["converted"], own["located"], own["anchor"] = estimate.converted, estimate.located, estimate.points
+    own["converted"], own["located"] = estimate.converted, estimate.located
 
 
 def taken_estimate(arrays: EstimateArrays, time: float = 0.0) -> Estimate:

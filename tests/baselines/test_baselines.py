@@ -25,7 +25,9 @@ class ScoredEnv:
     def __init__(self, leading: tuple[int, ...] = (), amortised: bool = False, steps_per_motion: int = STEPS) -> None:
         self.unwrapped, self.leading = self, leading
         self.action_space: gym.Space = gym.spaces.MultiDiscrete([7, 3])
-        self.scenario = SimpleNamespace(motion_criterion="mutual_information", amortised_decision=amortised)
+        self.scenario = SimpleNamespace(
+            motion_criterion="mutual_information", amortised_decision=amortised, frame_time=0.05
+        )
         self.steps_per_motion, self.motion_period = steps_per_motion, 1.0
         if leading:
             (self.num_envs,), self.single_action_space = leading, self.action_space
@@ -47,9 +49,10 @@ class ScoredEnv:
         self.calls.append("all")
         return self.motion[criterion]
 
-    def motion_score(self, motion: Motion, criterion: str) -> Any:
-        self.calls.append(motion)
-        return self.motion[criterion][..., motion]
+    def scores(self, plans: np.ndarray, criterion: str) -> np.ndarray:
+        motions = plans["motion"][:, 0]
+        self.calls.extend(motions)
+        return self.motion[criterion][..., motions]
 
     def joint_scores(self, criterion: str) -> np.ndarray:
         return self.joint

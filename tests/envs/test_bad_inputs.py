@@ -98,8 +98,6 @@ def test_scores_policies_and_layouts_are_named(env: ActiveSLAMEnv, batch: Active
             refuses("criterion", lambda scores=scores, criterion=criterion: scores(criterion))
     for plans in (None, 5, [], np.zeros(3), np.zeros((2, 2)), "a"):
         refuses("plans", lambda plans=plans: env.scores(plans))
-    for motion in (7, -1, "a", None, 1.5, HUGE, []):
-        refuses("motion", lambda motion=motion: env.motion_score(motion))
     foreign = gymnasium.make("CartPole-v1")
     for other in (foreign, None, 5, "ActiveSLAM-v0", gymnasium.make_vec("CartPole-v1", num_envs=1)):
         for name in baselines.names():

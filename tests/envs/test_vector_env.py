@@ -184,7 +184,6 @@ def played() -> tuple[ActiveSLAMVectorEnv, list[ActiveSLAMEnv]]:
 READS = {
     "motion_scores by Fisher": lambda env: env.motion_scores("fisher_trace"),
     "scores of plans": lambda env: env.scores(sequence_plans(5, 2), "mutual_information_camera"),
-    "motion_score": lambda env: env.motion_score(3, "variance_reduction"),
     "lookahead_scores": lambda env: env.lookahead_scores(2),
     **{name: methodcaller(name) for name in ("motion_scores", "gaze_scores", "joint_scores")},
     **{name: attrgetter(name) for name in ("time", "motion_phase", "landmark_errors")},
@@ -204,7 +203,7 @@ def test_a_batch_reads_with_a_leading_axis(name: str, played: tuple[Any, list[An
 def test_what_grows_with_the_map_is_one_array_for_each(played: tuple[Any, list[Any]]) -> None:
     batch, singles = played
     for i, single in enumerate(singles):
-        for name in ("position", "landmarks", "mapped", "ids", "converted", "anchors", "covariance"):
+        for name in ("position", "landmarks", "mapped", "ids", "converted", "covariance"):
             np.testing.assert_array_equal(getattr(batch.belief[i], name), getattr(single.belief, name))
         for name, value in single.nees().items():
             np.testing.assert_array_equal(batch.nees()[name][i], value)

@@ -96,8 +96,8 @@ def play_tasks(tasks: Sequence[Task]) -> list[Arrays]:
     """Play tasks of one group, several as a batch."""
     first, observers = tasks[0], [[make() for make in task.measures] for task in tasks]
     env = make_environment(json.loads(first.settings), len(tasks), policies.actions_of(first.policy))
-    period = 0.0 if first.whole else SAMPLE_PERIOD
-    episodes = run_policy(first.policy, env, [task.seed for task in tasks], first.settings, observers, period)
+    sample_period = 0.0 if first.whole else SAMPLE_PERIOD
+    episodes = run_policy(first.policy, env, [task.seed for task in tasks], first.settings, observers, sample_period)
     return [one.arrays() for one in episodes]
 
 
@@ -130,7 +130,7 @@ def run_policy(
     seeds: Sequence[int],
     settings: str = "{}",
     observers: Sequence[Sequence[Observer]] = (),
-    period: float = 0.0,
+    sample_period: float = 0.0,
 ) -> list[Episode]:
     """Episodes of the policy `source` (see `agents.load`), as `play` plays them; `env` is then closed.
 
@@ -138,7 +138,7 @@ def run_policy(
     """
     try:
         policy = policies.load(source, env, seeds[0] if len(seeds) == 1 else seeds)
-        return play(env, policy, seeds, source, settings, observers, period)
+        return play(env, policy, seeds, source, settings, observers, sample_period)
     except Exception as error:
         if not isinstance(error, ValueError) and not policies.holds_code(source):
             raise

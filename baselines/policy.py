@@ -115,4 +115,4 @@ def played(
     """
     given: dict[str, Any] = {"end_when_lost": False, "autoreset_mode": "DISABLED", **times}
     with closing(ActiveSLAMVectorEnv(len(seeds), scenario, **given)) as env:
-        return play(env, make(env), list(seeds), period=env.duration if ends else 0.0)
+        return play(env, make(env), list(seeds), sample_period=env.duration if ends else 0.0)

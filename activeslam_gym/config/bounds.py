@@ -18,8 +18,6 @@ class Bound(NamedTuple):
     """Completes the message "scenario.pixel_std must be ..."."""
     holds: Callable[[Any], bool]
     """Whether a value meets it. The first bound of a type takes values of any type."""
-    words: tuple[str, ...] = ()
-    """All values, where they are words."""
 
 
 def is_number(value: Any) -> bool:
@@ -34,7 +32,7 @@ def is_tuple(value: Any, length: int | None, holds: Callable[[Any], bool] = lamb
 
 def among(*words: str) -> Bound:
     """One of these strings."""
-    return Bound(f"one of {', '.join(words)}", lambda value: isinstance(value, str) and value in words, words)
+    return Bound(f"one of {', '.join(words)}", lambda value: isinstance(value, str) and value in words)
 
 
 def _number(allowed: str, holds: Callable[[Any], bool] = lambda x: True, none: bool = False) -> Bound:

@@ -51,7 +51,9 @@ def test_a_batch_plays_the_episodes_of_single_environments(case: str) -> None:
 
 def test_samples_of_a_period_are_the_nearest_of_all_and_the_last() -> None:
     settings = {"scenario": "hand-held", "gaze_period": 0.4, "duration": 4.4, "motion_period": 1.2}
-    every, sparse = (run_policy("stay", make_environment(settings), [5], period=period)[0] for period in (0.0, 1.0))
+    every, sparse = (
+        run_policy("stay", make_environment(settings), [5], sample_period=period)[0] for period in (0.0, 1.0)
+    )
     np.testing.assert_allclose(sparse.times, [0.0, 0.8, 2.0, 2.8, 4.0, 4.4])
     assert row_of(sparse) | {"decision_us": 0} == row_of(every) | {"decision_us": 0}
     kept = np.isin(every.times, sparse.times)

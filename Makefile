@@ -190,7 +190,7 @@ TESTS_torchrl := tests/test_clients.py -k torchrl
 TESTS_rllib   := tests/test_clients.py -k rllib
 TESTS_cleanrl := tests/test_clients.py -k cleanrl
 TESTS_rerun   := tests/test_examples.py -k rerun
-TESTS_live    := tests/live tests/vision/test_board_calibration.py
+TESTS_live    := tests/live tests/vision/test_board.py
 TESTS_cluster := tests/evaluation/test_cluster.py
 TESTS_gtsam   := tests/test_smoother.py
 

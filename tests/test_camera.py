@@ -4,7 +4,6 @@ import itertools
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from activeslam_gym import camera
 from activeslam_gym.config import Scenario
@@ -58,13 +57,6 @@ def test_nothing_is_seen_behind_or_nearer_than_the_minimum_depth() -> None:
     for depth, expected in ((0.99, False), (1.01, True)):
         y = np.array([0.0, 0.0, depth * CAMERA.minimum_depth])
         assert camera.visible(camera.View(CAMERA, pose, np.eye(3)), y, 0.0, z) == expected
-
-
-def test_world_to_camera() -> None:
-    R_WC = Rotation.from_rotvec([0.3, -1.2, 0.4]).as_matrix()
-    v_W, p = np.array([1.0, 2.0, 3.0]), np.array([0.2, -0.4, 0.1])
-    np.testing.assert_allclose(camera.camera_from_world(R_WC, v_W), R_WC.T @ v_W, atol=1e-15)
-    np.testing.assert_allclose(camera.camera_point(R_WC, p, v_W), R_WC.T @ (v_W - p), atol=1e-15)
 
 
 CUBE = np.array([[[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]]])

@@ -200,18 +200,6 @@ def test_the_mathematics_names_code_that_exists_criteria_and_what_cites_it() -> 
                     assert f"`{module}.{node.name}`" in MATHEMATICS, f"{module}.{node.name}"
 
 
-def test_the_reference_names_what_exists() -> None:
-    text = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
-    for name, options in re.findall(r"^::: ([\w.]+)\n((?:    .*\n)*)", text, re.MULTILINE):
-        try:
-            home = importlib.import_module(name)
-        except ModuleNotFoundError:
-            module, attribute = name.rsplit(".", 1)
-            home = getattr(importlib.import_module(module), attribute)
-        members = re.search(r"members: \[(.*)\]", options)
-        assert not [one for one in (members[1].split(", ") if members else []) if not hasattr(home, one)], name
-
-
 def test_the_table_of_policies_and_that_of_the_fisher_trace_are_the_codes() -> None:
     text = (ROOT / "docs" / "policies.md").read_text(encoding="utf-8")
     table = text[text.index("| Policy |") : text.index("## Open-loop policies")]
@@ -230,17 +218,9 @@ def test_the_manual_builds_without_a_warning_and_opens_as_a_file(tmp_path: Path)
     site = tmp_path / "site"
     python("-m", "mkdocs", "build", "--strict", "--site-dir", site, cwd=ROOT)
     text = {page.relative_to(site).as_posix(): page.read_text(encoding="utf-8") for page in site.rglob("*.html")}
-    names = [*REWARDS, *SCENARIOS, *first_names("Observation space")]
-    assert all(f"<code>{name}</code>" in text["environment.html"] for name in names)
-    board = text["leaderboard.html"]
-    headline = [row[0] for row in rows(sections_of(ROOT / "RESULTS.md")["headline"])]
-    assert len(headline) > 10 and all(f"<code>{name}</code>" in board for name in headline) and "not yet" not in board
-    clips = [path.name for path in (ROOT / "docs" / "images" / "clips").glob("*.gif")]
-    assert len(clips) > 10 and all(f"images/clips/{clip}" in board for clip in clips)
+    assert all(f"<code>{name}</code>" in text["environment.html"] for name in [*REWARDS, *SCENARIOS])
     assert {f"notebooks/{path.stem}.html" for path in NOTEBOOKS} <= set(text)
-    formulas = text["mathematics.html"]
-    assert formulas.count("<math ") > 50 and "arithmatex" not in formulas and "--8&lt;--" not in formulas
-    assert (site / "search" / "search_index.js").is_file() and (site / "assets" / "iframe-worker.js").is_file()
+    assert text["mathematics.html"].count("<math ") > 50 and "arithmatex" not in text["mathematics.html"]
     del text["404.html"]  # which a server shows at any address
     for page, html in text.items():
         assert not re.findall(r'<(?:script|img)\b[^>]*?\bsrc="?(https?://[^"\s>]+)', html), page

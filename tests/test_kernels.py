@@ -1,4 +1,4 @@
-"""Kernels and their cache: a place that cannot be written costs time and no more, and an edit is never overlooked."""
+"""Kernels: compiled before they are needed, kept where there is a place for them, and an edit is never overlooked."""
 
 import ast
 import importlib
@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,8 +17,7 @@ from numba import config
 from numba.core.dispatcher import Dispatcher
 
 from activeslam_gym import kernels, linking
-from activeslam_gym.config import Scenario
-from activeslam_gym.kernels import compiled, constants, filled, inlined, one_of, record, row
+from activeslam_gym.envs import compiling
 
 PACKAGE = Path(kernels.__file__).parent
 SMALL_KERNEL = """
@@ -43,77 +42,6 @@ def said(folder: Path, **environment: str) -> str:
     done = run(SMALL_KERNEL, folder, **environment)
     assert (done.returncode, done.stdout.strip()) == (0, PRINTED), done.stderr
     return done.stderr
-
-
-INSIDE = record(count="i8")
-PAIR = record(left="f8", right=("f8", 2), inside=INSIDE)
-
-
-@compiled
-def double(x: float) -> float:
-    """Called by kernels and by Python."""
-    return 2.0 * x
-
-
-@inlined
-def first(pairs):  # type: ignore[no-untyped-def]
-    """A record of an array."""
-    return pairs[0]
-
-
-@compiled
-def fill(pairs: np.ndarray, x: float) -> float:
-    """Write into a record, by the functions above."""
-    pair = first(pairs)
-    pair.left, pair.inside.count = double(double(x)), 3
-    pair.right[:] = pair.left
-    return pair.left
-
-
-def test_a_kernel_is_called_from_python_too_and_a_record_filled_by_names() -> None:
-    pairs = np.zeros(2, PAIR)
-    assert (double(1.5), fill(pairs, 1.5)) == (3.0, 6.0)
-    assert pairs["left"].tolist() == [6.0, 0.0] and pairs["right"].tolist() == [[6.0, 6.0], [0.0, 0.0]]
-    assert pairs["inside"]["count"].tolist() == [3, 0]
-    assert double.__doc__ == "Called by kernels and by Python."
-    values = {"left": 1, "right": (2, 3), "inside": (4,)}
-    pair = filled(PAIR, **values)
-    assert (pair.left, pair.right.tolist(), pair.inside.count) == (1.0, [2.0, 3.0], 4)
-    for wrong in ({"left": 1.0}, {**values, "middle": 5.0}):
-        with pytest.raises(TypeError, match=r"values must be given for \('left', 'right', 'inside'\), got"):
-            filled(PAIR, **wrong)
-
-
-def test_constants_have_the_types_of_the_default_scenario() -> None:
-    kind, constants_of = constants(
-        Scenario(),
-        pixel_std="f8",
-        half=lambda s: 0.5 * np.array(s.room_size),
-        some=3,
-        inside=lambda s: filled(INSIDE, count=s.ray_capacity),
-    )
-    held = constants_of(Scenario(pixel_std=1, room_size=(2.0, 4.0, 6.0)))
-    assert (held.pixel_std, held.half.tolist(), held.some) == (1.0, [1.0, 2.0, 3.0], 3)
-    assert held.inside.count == Scenario().ray_capacity and kind["inside"] == INSIDE
-    assert [kind[name].base.kind for name in ("pixel_std", "half", "some")] == ["f", "f", "i"]
-
-
-def test_one_of_calls_the_function_of_that_number_and_a_row_is_views() -> None:
-    choose = one_of([double, compiled(lambda x: x - 1.0)])
-    assert (choose(0, 5.0), choose(1, 5.0)) == (10.0, 4.0)
-    assert np.isnan(choose(2, 5.0))
-    tree = Tree(np.zeros((3, 2)), Tree(np.zeros(3, PAIR), np.zeros(3)))
-    one = row(tree, 1)
-    one.first[:], one.second.first.left = 1.0, 2.0
-    assert tree.first.tolist() == [[0.0, 0.0], [1.0, 1.0], [0.0, 0.0]]
-    assert tree.second.first["left"].tolist() == [0.0, 2.0, 0.0]
-
-
-class Tree(NamedTuple):
-    """Two leaves, of which the second may be another tree."""
-
-    first: Any
-    second: Any
 
 
 def modules_with_kernels() -> list[ModuleType]:
@@ -206,28 +134,25 @@ def test_an_edit_of_a_module_with_kernels_has_a_cache_of_its_own(read_only: Path
     assert len({path.parent for path in kept_in(tmp_path / "cache")}) == 2
 
 
-def test_importing_changes_nothing_in_the_process(copy: Path) -> None:
-    code = """
-import gc, multiprocessing, sys, threading
-import gymnasium, numba
-from numba.core import event
-starting = {"subprocess.Popen", "os.fork", "os.exec", "os.posix_spawn", "os.system"}
-started = []
-sys.addaudithook(lambda name, _: started.append(name) if name in starting else None)
-def state():
-    listeners = [listener for found in event._registered.values() for listener in found]
-    return listeners, gc.isenabled(), gc.get_threshold(), gc.get_freeze_count(), gc.callbacks[:]
-before = state()
-import activeslam_gym
-env = activeslam_gym.ActiveSLAMVectorEnv(2, num_threads=2)
-assert state() == before, (before, state())
-assert (started, threading.active_count(), multiprocessing.active_children()) == ([], 1, [])
-"""
-    done = run(code, copy)
-    assert done.returncode == 0 and done.stderr == "", done.stderr
-
-
 def test_no_kernel_lets_the_compiler_reorder_sums() -> None:
     """It did so in the search of images, in another way on each type of processor."""
     found = [path.name for path in PACKAGE.rglob("*.py") if "fastmath=True" in path.read_text(encoding="utf-8")]
     assert not found
+
+
+def test_independent_kernels_are_compiled_by_processes_and_told(capfd: pytest.CaptureFixture[str]) -> None:
+    compiling.compile_all([compiling.steps, compiling.scores])
+    lines = capfd.readouterr().err.splitlines()
+    assert len(lines) == 2 and "kernels [##]" in lines[-1] and "steps" in lines[-1] and "scores" in lines[-1]
+
+
+def test_a_process_that_fails_is_an_error_with_its_messages(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "executable", "false")
+    with pytest.raises(RuntimeError, match="the kernels of steps could not be compiled"):
+        compiling.compile_all([compiling.steps])
+
+
+def test_scores_need_no_kernel_after_warming_up(tmp_path: Path) -> None:
+    script = "import activeslam_gym as a; a.warm_up(); e = a.ActiveSLAMEnv(); e.reset(seed=0); e.motion_scores()"
+    again = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert "compiling" not in again.stderr

@@ -9,14 +9,16 @@ from activeslam_gym.camera import camera_of
 from activeslam_gym.geometry import quaternion_exp, quaternion_product, rotation_matrix
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.calibration import Calibration
+from activeslam_gym.vision.drawing import printed, printed_value
 from activeslam_gym.vision.frontend import FrontEnd
-from activeslam_gym.vision.target import CORNERS, FACING, Rectangle
+from activeslam_gym.vision.target import CORNERS, FACING, Board, Rectangle
 from activeslam_gym.vision.track import HAND_HELD, UNSCALED
 from activeslam_gym.vision.views import projected
 
 LENS = Calibration(320, 240, 195.0, 162.0, 125.0, 1.8e-5)
 CAMERA = camera_of(LENS.scenario())
 TARGET = Rectangle(0.21, 0.1485, np.zeros((4, 2)))
+CHARUCO = {"kind": "charuco", "columns": 5, "rows": 4, "square": 0.06, "marker": 0.045, "dictionary": "4x4_50"}
 
 
 def pose_at(position: tuple[float, float, float], turn: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> np.ndarray:
@@ -81,3 +83,20 @@ def begun(image: np.ndarray, lens: Calibration = LENS) -> FrontEnd:
     out = FrontEnd(Filter(scenario, camera=np.concatenate((np.zeros(3), FACING, np.zeros(6)))))
     out.start(image, 0.0, np.zeros(0, np.int64), np.zeros((0, 2)))
     return out
+
+
+def board_on_the_plane(board: Board, pose: np.ndarray, samples: int = 4) -> np.ndarray:
+    """The image (240, 320) uint8 of the board on a white sheet on the textured plane."""
+    picture = printed(board)
+
+    def grey(X: np.ndarray) -> np.ndarray:
+        sheet, value = np.all(np.abs(X) < 0.5 * board.size + 0.02, axis=-1), printed_value(board, picture, X)
+        return np.where(np.isnan(value), np.where(sheet, 220.0, texture(X)), 30.0 + 190.0 / 255.0 * value)
+
+    return photographed(pose, grey, samples)
+
+
+def enlarged(lens: Calibration, n: int) -> Calibration:
+    """The lens of images with n x n pixels for each."""
+    middle = ((at + 0.5) * n - 0.5 for at in lens[3:5])
+    return Calibration(n * lens[0], n * lens[1], n * lens.focal_px, *middle, lens.distortion / n**2)

@@ -11,10 +11,6 @@ from activeslam_gym.config import ANYWHERE, CENTRE, CORNER, SURFACES, WALL
 from activeslam_gym.world.furniture import PASSAGE
 from activeslam_gym.world.room import draw_room, varied
 
-BOX = ((1.0, -1.0, 1.0), (2.0, 0.5, 2.0))
-RANGES = {"fiducial_distance": (0.5, 3.0), "box_width": (0.2, 1.5), "box_height": (0.2, 2.0)}
-"""Scenario fields with two ends, and the least and the greatest value that the tests draw for them [m]."""
-
 
 def random_range(low: float, high: float, rng: np.random.Generator) -> list[tuple[float, float]]:
     """Two legal values [(low, high), (low, high)] of a range field; the second is greater at both ends."""

@@ -247,17 +247,13 @@ def test_plans_are_all_actions_in_order_and_what_is_none_is_named() -> None:
     assert c.joint_plans(5)[:, 0].tolist() == [(motion, gaze, 5) for gaze in range(3) for motion in range(7)]
     two = c.sequence_plans(5, 2)
     assert two.shape == (49, 2) and two["motion"].tolist() == [[i, j] for i in range(7) for j in range(7)]
-    spread = two[::5, ::-1]
-    assert c.checked_plans(spread).flags.c_contiguous and (c.checked_plans(spread) == spread).all()
     for named, wrong in (
-        ("plans must be an array", ([], np.zeros((2, 2)), np.zeros(3, c.ACTION), np.zeros((3, 0), c.ACTION))),
-        ("motion of plans must be in -1 … 6, got", (plans_of([(7, 0, 1)]), plans_of([(-2, 0, 1)]))),
-        ("gaze of plans must be in 0 … 2, got", (plans_of([(0, 3, 1)]),)),
-        ("frames of plans must be in 0 … inf, got", (plans_of([(0, 0, -1)]),)),
+        ("motion of plans must be in -1 … 6, got", (7, 0, 1)),
+        ("gaze of plans must be in 0 … 2, got", (0, 3, 1)),
+        ("frames of plans must be in 0 … inf, got", (0, 0, -1)),
     ):
-        for plans in wrong:
-            with pytest.raises(ValueError, match=named):
-                c.checked_plans(plans)
+        with pytest.raises(ValueError, match=named):
+            c.checked_plans(plans_of([wrong]))
 
 
 def test_an_environments_scores_are_scores_of_plans() -> None:

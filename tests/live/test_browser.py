@@ -24,7 +24,7 @@ from activeslam_gym.vision import film
 
 VIEW = "img:not([src^='data:image/svg'])"
 """The camera's view: the only picture but for icons."""
-DESK, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
+DESK = {"width": 1280, "height": 800}
 
 
 class Served(NamedTuple):

@@ -15,8 +15,7 @@ playwright = pytest.importorskip("playwright.sync_api", reason="playwright is no
 from activeslam_gym.vision.frontend import MATCHED
 from activeslam_gym.vision.target import target_from
 from tests.live_scene import BROWSER, PATIENCE, SWITCHES, served, until
-from tests.vision.test_starts import CHARUCO, board_on_the_plane
-from tests.vision_scene import LENS, path
+from tests.vision_scene import CHARUCO, LENS, board_on_the_plane, path
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(BROWSER is None, reason="no chromium is installed")]
 

@@ -22,7 +22,6 @@ from activeslam_gym.vision.frontend import MATCHED
 from activeslam_gym.vision.target import CORNERS
 from tests.vision_scene import LENS, TARGET, image_from, pose_at
 
-HERE = pose_at((0.0, 0.0, 0.7))
 CALM = replace(ROOM, acceleration_std=0.0, angular_acceleration_std=0.0)
 
 

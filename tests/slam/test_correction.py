@@ -26,7 +26,6 @@ from tests.support import (
     world_points,
 )
 
-VAR = float(CAMERA.pixel_std**2)
 SEEDS = pytest.mark.parametrize("seed", range(12))
 
 

@@ -4,10 +4,13 @@ import csv
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import multivariate_normal, norm
 
 import baselines
 from activeslam_gym import Motion
@@ -21,6 +24,17 @@ from studies import consistency, learning, measures, paper, upper_reference
 from studies.removals import REMOVALS
 from studies.worth import compared
 from tests.agents.test_compare import episode
+
+pytest.importorskip("cv2", reason="the extra `vision` is not installed")
+pytest.importorskip("tyro", reason="the extra `compare` is not installed")
+
+from activeslam_gym.geometry import rotation_error
+from activeslam_gym.live.session import Session
+from activeslam_gym.live.source import FOLLOW, ROOM, STILL, RenderedRoom
+from activeslam_gym.live.trial import Evaluator, trial
+from activeslam_gym.metrics import camera_error, write_tum
+from activeslam_gym.slam.estimate import taken_estimate
+from studies import excerpts, live
 
 PACKAGE = Path(__file__).parents[2] / "activeslam_gym"
 
@@ -38,15 +52,6 @@ def test_consistency_fills_its_page_and_plays_no_episode_twice(tmp_path: Path, m
     table = list(csv.DictReader((tmp_path / "consistency.csv").open()))
     assert [row["variant"] for row in table] == variants and float(table[0]["landmark_nees_35s"]) > 0.0
     assert (tmp_path / "images" / "nees.png").stat().st_size > 1000
-
-
-def test_wrong_matches_are_a_share_of_all_and_losses_of_all_episodes() -> None:
-    runs = [episode(lost=lost, log_score=np.full(5, 1.0), times=np.arange(5) * 1.0) for lost in (True, False)]
-    for run, wrong in zip(runs, (3, 1)):
-        run.events["wrong_matches"], run.notes["matches"] = np.array([wrong, 0]), np.array(100)
-    cells = consistency.row_of("x", "inverse depth", runs)
-    assert cells[:2] == ["`x`", "inverse depth"] and cells[2].startswith("50.0 [")
-    assert cells[3:] == ["2.000", "1.00", "1.00"]
 
 
 @pytest.mark.parametrize("row", [row for row in REMOVALS if row != "base"])
@@ -188,3 +193,82 @@ def test_learning_curves_are_read_by_seed_and_held_against_the_best_baseline(tmp
     assert learning.rows_of(curves, policies)[0][3] == "1 of 2 seeds do"
     with pytest.raises(ValueError, match="cannot be read"):
         learning.read_curves([tmp_path / "nothing"])
+
+
+# The live page's advice -----------------------------------------------------------------------------------------------
+
+
+def test_the_evaluator_sees_the_ground_truth() -> None:
+    told = trial(5, FOLLOW, 3.0)
+    assert [round(one.time, 6) for one in told] == [1.0, 2.0, 3.0]
+    assert all(np.isfinite(one.log_score) for one in told)
+    assert told[-1].position_error < 0.2 and not told[-1].lost
+    assert told[-1].log2_det_total < told[0].log2_det_total
+    still = trial(5, STILL, 1.0)
+    assert still[0].log2_det_total == pytest.approx(told[0].log2_det_total, abs=1e-6)  # nobody was told anything yet
+
+
+def test_the_log_score_of_the_live_study_is_that_of_the_environment_with_images() -> None:
+    """Its N slots have true points: scene points of features, and random points of the room scored by the prior."""
+    room = RenderedRoom(5)
+    session, evaluator, seconds = Session(room, 5), Evaluator(room, 5), []
+    for k in range(31):
+        evaluator.add(session, session.step())
+        if k % 15 == 0:
+            seconds.append(evaluator.second())
+    assert seconds[0].log_score == 0.0 and seconds[2].log_score > seconds[1].log_score > 50.0
+    estimate, truth = taken_estimate(session.front_end.estimate()), room.person.state
+    slots, _ = session.expected.factored()
+    landmarks, variance = evaluator._spare.copy(), np.array(ROOM.landmark_prior_variance)
+    counting = slots[slots >= 0]
+    landmarks[slots >= 0] = evaluator._followed.of(estimate.ids[counting])
+    rows = np.r_[:12, (12 + 3 * counting[:, None] + np.arange(3)).ravel()]
+    error = np.r_[camera_error(truth, estimate.camera), (landmarks[slots >= 0] - estimate.points[counting]).ravel()]
+    density = multivariate_normal(cov=estimate.covariance[np.ix_(rows, rows)]).logpdf(error)
+    density += norm(scale=np.sqrt(variance)).logpdf(landmarks[slots < 0]).sum()
+    assert 0 < len(counting) < ROOM.landmark_count
+    assert seconds[2].log_score == pytest.approx(density / np.log(2.0) - evaluator._first_density, rel=1e-9)
+
+
+def test_the_command_fills_its_page_and_makes_no_episode_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("<!-- generated: live -->\nold\n<!-- end: live -->\n")
+    args = live.Args(episodes=1, seed=9, seconds=(2.0,), out=tmp_path / "out", report=page)
+    live.main(args)
+    text = page.read_text()
+    assert "old" not in text and "| 2 s, 1 rooms | follows |" in text and "--episodes 1 --seconds 2 --seed 9" in text
+    (kept,) = (tmp_path / "out").glob(f"9-{STILL}-*")
+    kept.write_text("{")  # damaged: made again
+    again: list[tuple[Any, ...]] = []
+    monkeypatch.setattr(live, "trial", lambda *task: again.append(task) or trial(*task))
+    live.main(args)
+    assert again == [(9, STILL, 2.0)] and page.read_text() == text
+
+
+# Tracks along recorded motions ----------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """A hand that sways, and turns a little, for 4 s."""
+    times = np.arange(121) / 30.0
+    positions = np.stack((0.2 * np.sin(times), np.full(121, 1.2), 0.1 * times), axis=1)
+    looks = Rotation.from_rotvec(np.outer(0.2 * times, (0, 1, 0))) * Rotation.from_matrix(np.diag((-1.0, -1.0, 1.0)))
+    write_tum(tmp_path / "path.tum", times, positions, np.roll(looks.as_quat(), 1, axis=1))
+    return tmp_path / "path.tum"
+
+
+def test_an_excerpt_begins_at_rest_at_unity_and_its_velocities_are_those_of_its_poses(path: Path) -> None:
+    cameras = next(excerpts.excerpts(path, 4.0))
+    np.testing.assert_allclose(cameras[0], np.eye(1, 13, 3)[0], atol=1e-9)
+    steps = excerpts.RATE * np.diff(cameras[:, :3], axis=0)
+    turns = [excerpts.RATE * rotation_error(b[3:7], a[3:7]) for a, b in zip(cameras, cameras[1:])]
+    middle = 0.5 * (cameras[1:] + cameras[:-1])
+    np.testing.assert_allclose(steps, middle[:, 7:10], atol=0.01)
+    np.testing.assert_allclose(turns, middle[:, 10:], atol=0.01)
+
+
+@pytest.mark.parametrize("lens", excerpts.LENSES)
+def test_an_excerpt_is_tracked_through_every_lens(path: Path, lens: str) -> None:
+    done = excerpts.flown(next(excerpts.excerpts(path, 3.0)), excerpts.LENSES[lens], excerpts.config.TRAINING_SEED)
+    assert done is not None and not done.lost and done.error < 0.03 and max(done.nees) < 3.0

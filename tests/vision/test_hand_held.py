@@ -16,9 +16,19 @@ from activeslam_gym.vision.frontend import FrontEnd, FrontEndSettings
 from activeslam_gym.vision.room.camera import RoomCamera, introduce_target
 from activeslam_gym.vision.target import Board, target_from
 from activeslam_gym.vision.track import Track, follow
-from activeslam_gym.vision.views import projected, speeds
-from tests.vision.test_starts import CHARUCO, board_on_the_plane
-from tests.vision_scene import CAMERA, LENS, TARGET, begun, image_from, path, pose_at, target_fields
+from activeslam_gym.vision.views import projected
+from tests.vision_scene import (
+    CAMERA,
+    CHARUCO,
+    LENS,
+    TARGET,
+    begun,
+    board_on_the_plane,
+    image_from,
+    path,
+    pose_at,
+    target_fields,
+)
 
 NEARER = [pose_at((0.03 * np.sin(0.2 * k), 0.0, 0.8 - 0.009 * k)) for k in range(60)]
 """From 80 to 27 cm."""
@@ -88,15 +98,6 @@ SURE = np.diag(np.repeat((1e-4, 1e-3, 1e-2, 1e-2), 3) ** 2)
 def moving(velocity: tuple[float, float, float], turn: np.ndarray) -> np.ndarray:
     """A camera at the origin that looks along z."""
     return np.concatenate((np.eye(1, 7, 3)[0], velocity, turn))
-
-
-def test_speeds_are_those_of_the_pixels() -> None:
-    points = np.array(((0.0, 0.0, 2.0), (0.5, -0.3, 1.5), (0.0, 0.0, -1.0)))
-    camera, dt = moving((0.2, 0.1, -0.3), np.array((0.3, -0.8, 0.5))), 1e-5
-    before = projected(CAMERA, camera, points[:2])
-    after = projected(CAMERA, transition(camera, np.zeros(6), dt), points[:2])
-    expected = [*np.linalg.norm(after - before, axis=1) / dt, 0.0]
-    np.testing.assert_allclose(speeds(CAMERA, camera, points), expected, rtol=2e-3)
 
 
 def mean_square(blur: float) -> float:

@@ -16,7 +16,6 @@ from activeslam_gym.camera import camera_point, pixel_from_camera_point
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.motion import QUATERNION, Gaze, Motion
 from activeslam_gym.vision.settings import SIGHTED
-from activeslam_gym.world import simulator
 
 pytest.importorskip("cv2")
 
@@ -92,17 +91,6 @@ def test_the_images_tell_where_the_camera_is_by_matches_good_to_a_fraction_of_a_
     assert sum(info["events"]["wrong_matches"] for info in infos[1:]) < 0.1 * 13 * len(infos), "a tenth of the matches"
 
 
-def test_the_lasting_error_of_a_template_is_uncertainty_of_its_landmark_alone(played) -> None:
-    core = played[0].unwrapped
-    front_end, run = core._perceptions[0]._front_end, core._run
-    own, n = front_end.filter.estimate(), int(run.estimate.state.count)
-    added = run.estimate.covariance[: 12 + 3 * n, : 12 + 3 * n] - own.covariance
-    distance = np.linalg.norm(own.points - front_end.first_seen(own.ids), axis=1)
-    assert n >= 8 and (distance > 0.3).all()
-    expected = np.repeat((SIGHTED.feature_bias_std * distance / core.scenario.focal_px) ** 2, 3)
-    np.testing.assert_allclose(added, np.diag(np.concatenate((np.zeros(12), expected))), rtol=1e-9, atol=1e-15)
-
-
 def test_a_copy_goes_on_alike_and_alone(played) -> None:
     env = copy.deepcopy(played[0])
     other = copy.deepcopy(env)
@@ -159,19 +147,3 @@ def test_slots_of_the_score_are_the_scene_points_of_their_features(played) -> No
     assert np.median(square) < 8.0, "chi squared with 3 degrees of freedom"
     right = labels.detected[labels.matched > 0]
     assert np.isin(labels.owners[owned], right - 4).any(), "detections bear their slots"
-
-
-def test_boxes_stop_the_camera_and_motions_keep_off_them() -> None:
-    env = gym.make(NAME).unwrapped
-    env.reset(seed=3)
-    motion, world = env._run.models.motion, env._run.world
-    low, high = simulator.boxes_of(world)[0]
-    side = np.array((0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), low[2]))
-    world.state.camera[:7] = *(side - (0.0, 0.0, motion.goal_margin + 0.1)), 1.0, 0.0, 0.0, 0.0
-    for d, wanted in (((0.0, 0.0, 0.3), 0.1), ((0.0, 0.0, -0.3), -0.3), ((0.0, 0.0, 0.05), 0.05)):
-        shortened = np.array(d)
-        simulator.keep_off(motion, world, shortened)
-        np.testing.assert_allclose(shortened, (0.0, 0.0, wanted), atol=1e-9)
-    world.state.camera[2] = side[2] - 0.5 * motion.wall_margin
-    assert simulator.move(motion, world, np.zeros(6)) > 0
-    assert world.state.camera[2] <= side[2] - motion.wall_margin + 1e-9

@@ -20,7 +20,7 @@ from activeslam_gym.slam.estimate import Estimate
 from examples.extend_estimator import NumpyEkf
 from examples.extend_range_sensor import RangeSensor
 from examples.extend_scene import SphereScene
-from tests.config.test_random_scenarios import random_scenario
+from tests.world.test_rooms import random_scenario
 
 NUMPY = {"estimator": NumpyEkf, "scenario": {"association": "known"}}
 

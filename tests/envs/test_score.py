@@ -18,9 +18,8 @@ from activeslam_gym.envs.reward import REWARDS
 from activeslam_gym.envs.run import NO_OWNER, OWNER, UNKNOWN
 from activeslam_gym.metrics import UNSOUND_LOG_SCORE
 from activeslam_gym.slam.belief import POINT, fiducial_id
-from activeslam_gym.slam.detection import NEW, REJECTED, UNASSOCIATED
+from activeslam_gym.slam.detection import NEW, REJECTED
 from activeslam_gym.slam.filter import detections_of
-from activeslam_gym.slam.map import append_feature, remove_feature
 from activeslam_gym.world.simulator import CLUTTER_LABEL
 from tests.support import PAPER, estimate_of, random_belief, simulation_of
 
@@ -135,16 +134,6 @@ def test_a_feature_is_what_it_was_born_of_for_life() -> None:
     assert identity.owners == [2, NO_OWNER, NO_OWNER]
 
 
-def test_a_new_feature_takes_the_lowest_free_slot() -> None:
-    identity = PlainEvaluator()
-    identity.frame((1, K + 2), (2, K), (3, K))
-    remove_feature(identity.belief, 0)
-    append_feature(identity.belief, POINT, np.zeros(6), np.zeros((3, 12)), np.eye(3))
-    assert identity.frame((4, K + 1)) == (0, 0)
-    assert identity.owners == [0, 0, 1]
-    assert identity.owner["slot"][:3].tolist() == [1, 2, 0]
-
-
 def test_the_oldest_eligible_feature_stands_for_its_landmark() -> None:
     owner, everyone = np.zeros(4, OWNER), np.ones(4, bool)
     owner["landmark"] = 1, NO_OWNER, 1, 0
@@ -153,12 +142,6 @@ def test_the_oldest_eligible_feature_stands_for_its_landmark() -> None:
 
 
 # Labels that are given ----------------------------------------------------------------------------------------------
-
-
-def test_the_true_id_is_that_of_the_oldest_feature_born_of_the_point() -> None:
-    identity = PlainEvaluator()
-    identity.frame((1, K + 2), (2, K), (3, K))
-    assert identity.ids(0, 1, K, K + 1, K + 2, CLUTTER_LABEL) == [-1, -2, 2, UNASSOCIATED, 1, REJECTED]
 
 
 @pytest.mark.parametrize("initialisation", ["inverse_depth", "depth_particles"])

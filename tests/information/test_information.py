@@ -230,17 +230,6 @@ def test_what_plans_share_changes_no_score(criterion: str) -> None:
         np.testing.assert_array_equal(together, [scores_of(belief, plan[None], criterion)[0] for plan in plans])
 
 
-def test_no_frames_leave_the_covariance_unpropagated() -> None:
-    belief, _ = case(2)
-    for turn, frames in ((0.0, 0), (0.2, 0), (0.0, 3)):
-        P = belief.covariance.copy()
-        c.propagate_by(MOTION, P, turn, frames)
-        assert (np.trace(P) > np.trace(belief.covariance)) == (frames > 0) != (P == belief.covariance).all()
-    for criterion in CRITERIA:
-        here = scores_of(belief, plans_of([(c.REMAIN, Gaze.STAY, 0)]), criterion)
-        assert here[0] == pytest.approx(scored(belief, criterion), rel=1e-12) and here[0] > 0.0
-
-
 def test_plans_are_all_actions_in_order_and_what_is_none_is_named() -> None:
     assert c.motion_plans(5)[:, 0].tolist() == [(motion, Gaze.STAY, 5) for motion in range(7)]
     assert c.gaze_plans(5)[:, 0].tolist() == [(c.REMAIN, gaze, 5) for gaze in range(3)]

@@ -4,8 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
@@ -39,15 +38,6 @@ def a_state(frame: int = 1, n: int = 12) -> State:
         command=Motion.UP, scores=np.arange(7.0), advised=np.arange(7), log2_dets=np.array((-100.0, -200.0, -310.0)),
         landmarks=n, initialised=0, milliseconds=8.0, follows=True,
     )  # fmt: skip
-
-
-def until(holds: Callable[[], Any], seconds: float = 60.0) -> Any:
-    """Wait until it holds; its value."""
-    end = time.monotonic() + seconds
-    while not (value := holds()) and time.monotonic() < end:
-        time.sleep(0.05)
-    assert value, "it did not happen in time"
-    return value
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Sequence
 from copy import deepcopy as copied  # noqa: F401  (of nested named tuples of arrays and records)
 from pathlib import Path
@@ -277,3 +278,12 @@ def update(belief: Belief, HP: np.ndarray, S: np.ndarray, innovation: np.ndarray
         shift_mean(belief, delta)
         update_covariance(belief, W, delta)
     return bool(sound)
+
+
+def until(holds: Callable[[], Any], seconds: float = 60.0) -> Any:
+    """Wait until it holds; its value."""
+    end = time.monotonic() + seconds
+    while not (value := holds()) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert value, "it did not happen in time"
+    return value

@@ -6,9 +6,8 @@ compares. A new module needs a row: where it stands is a decision.
 
 import ast
 from collections.abc import Iterator
-from graphlib import CycleError, TopologicalSorter
+from graphlib import TopologicalSorter
 from pathlib import Path
-from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("activeslam_gym", "baselines", "agents")
@@ -74,18 +73,10 @@ BEHIND: dict[str, set[str]] = {"agents.sb3": {"envs.info"}}
 """Exceptions from ``PUBLIC``: the batch for SB3, which takes `infos` apart."""
 
 
-class Import(NamedTuple):
-    """One import: ``importer`` (dotted module) takes ``target`` (dotted, with the imported name) at ``line``."""
-
-    importer: str
-    target: str
-    line: int
-
-
 FILES = [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
 SOURCES = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in FILES}
 """``activeslam_gym.slam.belief`` → its file; a package is its ``__init__``."""
-TEXTS = {name: path.read_text(encoding="utf-8") for name, path in SOURCES.items()}
+TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in SOURCES.items()}
 MODULES = {name.removesuffix(".__init__") for name in SOURCES}
 
 
@@ -93,18 +84,16 @@ def is_under(name: str, *prefixes: str) -> bool:
     return any(name == prefix or name.startswith(prefix + ".") for prefix in prefixes)
 
 
-def imports(importer: str, text: str) -> Iterator[Import]:
-    """Every import in a module's ``text``, wherever it stands."""
-    for node in ast.walk(ast.parse(text)):
+def imports(importer: str) -> Iterator[tuple[str, int]]:
+    """Each import of a module, wherever it stands: what it takes (dotted, with the imported name), and its line."""
+    for node in ast.walk(TREES[importer]):
         if isinstance(node, ast.Import):
-            for alias in node.names:
-                yield Import(importer, alias.name, node.lineno)
+            yield from ((alias.name, node.lineno) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             # `from . import x` in a.b.c is from a.b, one more dot is one package up; a package's name is a.b.__init__
             home = importer.split(".")[: -node.level] if node.level else []
             base = ".".join([*home, *([node.module] if node.module else [])])
-            for alias in node.names:
-                yield Import(importer, base if alias.name == "*" else f"{base}.{alias.name}", node.lineno)
+            yield from ((base if alias.name == "*" else f"{base}.{alias.name}", node.lineno) for alias in node.names)
 
 
 def unit(module: str) -> str:
@@ -112,12 +101,11 @@ def unit(module: str) -> str:
     return module.removeprefix(GYM).removeprefix(".").split(".")[0] or "__init__"
 
 
-def wrong(found: Import, modules: set[str]) -> list[str]:
+def broken_rules(importer: str, target: str) -> list[str]:
     """Every rule that this import breaks."""
-    importer, target = found.importer, found.target
     here, there = importer.split(".")[0], target.split(".")[0]
     # `from activeslam_gym import x` means the module x, if there is one, and else a name of the package itself
-    own_name = target.count(".") == 1 and target not in modules
+    own_name = target.count(".") == 1 and target not in MODULES
     inside = "__init__" if own_name else target.removeprefix(f"{GYM}.")
     rules = {
         "goes up a floor": there in (*PACKAGES, *TOPS) and there not in FLOORS[here] | {here},
@@ -126,31 +114,12 @@ def wrong(found: Import, modules: set[str]) -> list[str]:
         "looks behind the package": here != there == GYM
         and not (own_name or target == GYM or is_under(inside, *PUBLIC, *BEHIND.get(importer, ()))),
     }
-    return [f"{importer}:{found.line}, {target}: {rule}" for rule, broken in rules.items() if broken]
+    return [rule for rule, broken in rules.items() if broken]
 
 
-def faults(sources: dict[str, str], modules: set[str]) -> list[str]:
-    """The rules that the texts of ``sources``, by module, break."""
-    return [fault for name, text in sources.items() for one in imports(name, text) for fault in wrong(one, modules)]
-
-
-def circle(sources: dict[str, str]) -> list[str]:
-    """Modules that import each other in a circle, the first one again at the end; ``sources`` are texts by name."""
-    modules, graph = {name.removesuffix(".__init__") for name in sources}, {}
-    for name, text in sources.items():
-        found = list(imports(name, text))
-        targets = {one.target if one.target in modules else one.target.rpartition(".")[0] for one in found}
-        graph[name.removesuffix(".__init__")] = targets & modules - {name.removesuffix(".__init__")}
-    try:
-        TopologicalSorter(graph).prepare()
-    except CycleError as error:
-        return list(error.args[1])
-    return []
-
-
-def secrets_read(module: str, text: str) -> list[str]:
+def secrets_read(module: str) -> list[str]:
     """Attributes that a ``module`` reads, and must not: the filter's arrays outside ``slam``, and `SECRETS`."""
-    found = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Attribute)]
+    found = [node for node in ast.walk(TREES[module]) if isinstance(node, ast.Attribute)]
     secret = {name for package, names in SECRETS.items() if is_under(module, package) for name in names}
     arrays = [] if is_under(module, f"{GYM}.slam") else [
         node for node in found
@@ -161,16 +130,21 @@ def secrets_read(module: str, text: str) -> list[str]:
 
 
 def test_every_package_is_there_and_every_module_has_a_row() -> None:
-    for package in PACKAGES:
-        assert f"{package}.__init__" in SOURCES
-        assert any(path.stat().st_size for name, path in SOURCES.items() if is_under(name, package))
+    assert {f"{package}.__init__" for package in PACKAGES} <= set(SOURCES)
     missing = {unit(name) for name in MODULES if is_under(name, GYM)} - set(MAY_IMPORT)
     assert not missing, f"say in MAY_IMPORT where these stand: {sorted(missing)}"
 
 
 def test_imports_go_down_without_a_circle() -> None:
-    assert not faults(TEXTS, MODULES)
-    assert not circle(TEXTS)
+    faults, graph = [], {}
+    for name in SOURCES:
+        module, targets = name.removesuffix(".__init__"), set()
+        for target, line in imports(name):
+            faults += [f"{name}:{line}, {target}: {rule}" for rule in broken_rules(name, target)]
+            targets.add(target if target in MODULES else target.rpartition(".")[0])
+        graph[module] = targets & MODULES - {module}
+    assert not faults
+    TopologicalSorter(graph).prepare()  # an error names the modules of a circle
 
 
 def test_truth_and_estimator_meet_in_envs_alone() -> None:
@@ -180,4 +154,4 @@ def test_truth_and_estimator_meet_in_envs_alone() -> None:
 
 
 def test_the_filters_arrays_and_the_ground_truth_are_read_by_those_alone_who_may() -> None:
-    assert not [line for name, text in TEXTS.items() for line in secrets_read(name, text)]
+    assert not [line for name in SOURCES for line in secrets_read(name)]

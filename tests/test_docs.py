@@ -110,16 +110,6 @@ def cells(notebook: Path, kind: str) -> list[str]:
     return ["".join(cell["source"]) for cell in found if cell["cell_type"] == kind]
 
 
-def test_notebooks_import_and_never_define_and_are_committed_without_output() -> None:
-    assert NOTEBOOKS
-    for notebook in NOTEBOOKS:
-        code = re.sub(r"^( *)[%!].*$", r"\1pass", "\n".join(cells(notebook, "code")), flags=re.MULTILINE)
-        defined = [n.name for n in ast.walk(ast.parse(code)) if isinstance(n, (ast.FunctionDef, ast.ClassDef))]
-        assert not defined, f"{', '.join(defined)} of {notebook.name} belongs into a module"
-        assert cells(notebook, "markdown")[0].startswith("# ")
-        assert notebook.stat().st_size < 100_000, f"clear the output of {notebook.name}"
-
-
 def test_sections_that_are_made_from_the_code_are_as_it_makes_them() -> None:
     sections = {name: text for page in PAGES for name, text in sections_of(page).items()}
     for name, make in TABLES.items():

@@ -1,6 +1,5 @@
 """The appendix's motion model, and a controller that goes where it is told."""
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -106,19 +105,3 @@ def test_hand_held_gaze_is_scripted_and_the_filter_assumes_other_noise() -> None
         assert (angle.max(), angle.min()) == pytest.approx((1.0, -1.0), rel=0.01)
     assert (model.acceleration_std, model.filter_acceleration_std) == (0.5, 4.0)
     assert (MODEL.acceleration_std, MODEL.filter_acceleration_std) == (0.5, 0.5)
-
-
-@pytest.mark.parametrize(("scenario", "gaze_period", "by_estimate"), [("paper", 0.05, True), ("hand-held", 0.2, False)])
-def test_a_robot_steers_by_the_estimate_and_a_person_by_own_senses(
-    scenario: str, gaze_period: float, by_estimate: bool
-) -> None:
-    """Where the estimate is put elsewhere, a person's camera still moves as before."""
-    ends = []
-    for shift in (0.0, 0.1):
-        env = gym.make("ActiveSLAM-v0", scenario=scenario, gaze_period=gaze_period).unwrapped
-        env.reset(seed=5)
-        env._run.ekf.state.camera[m.VELOCITY] += shift
-        for _ in range(5):
-            env.step((Motion.STAY, Gaze.STAY))
-        ends.append(env.truth.position)
-    assert np.array_equal(*ends) is not by_estimate

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 
@@ -67,7 +68,12 @@ def photographed(pose: np.ndarray, grey: Callable[[np.ndarray], np.ndarray] = te
 
 def image_from(pose: np.ndarray, target: bool = False, samples: int = 4) -> np.ndarray:
     """The image of the textured plane, with the target or without."""
-    return photographed(pose, with_target if target else texture, samples)
+    return _image(tuple(pose.tolist()), target, samples).copy()
+
+
+@cache
+def _image(pose: tuple[float, ...], target: bool, samples: int) -> np.ndarray:
+    return photographed(np.array(pose), with_target if target else texture, samples)
 
 
 def target_fields(pose: np.ndarray) -> dict[str, object]:

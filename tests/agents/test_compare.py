@@ -5,8 +5,6 @@ import json
 import os
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -25,7 +23,7 @@ from agents.compare import Args, compare
 from agents.summary import Aggregate, aggregate, paired_rmse, summarise
 from agents.task import Task, play_tasks
 from agents.tools.files import write_csv, write_json
-from tests.support import assert_same_record
+from tests.support import assert_same_record, until
 
 ROOT = Path(__file__).parents[2]
 DURATION = 3.0
@@ -219,14 +217,6 @@ def test_workers_end_with_a_killed_parent(tmp_path: Path) -> None:
     parent.kill()
     parent.communicate()
     until(lambda: all(gone(int(file.read_text())) for file in files))
-
-
-def until(happened: Callable[[], bool], seconds: float = 60.0) -> None:
-    """Wait for something to happen."""
-    end = time.monotonic() + seconds
-    while not happened():
-        assert time.monotonic() < end
-        time.sleep(0.1)
 
 
 def test_an_interrupted_comparison_keeps_its_episodes_and_needs_no_matplotlib(

@@ -107,12 +107,6 @@ def test_scores_policies_and_layouts_are_named(env: ActiveSLAMEnv, batch: Active
         refuses("name", lambda name=name: baselines.make(name, env))
 
 
-def test_nothing_is_read_before_a_reset() -> None:
-    new = ActiveSLAMEnv(render_mode="rgb_array")
-    for call in (new.motion_scores, new.snapshot, new.render, lambda: new.step([0, 0])):
-        refuses("reset()", call, gymnasium.error.ResetNeeded)
-
-
 @pytest.mark.parametrize(
     "fields",
     [

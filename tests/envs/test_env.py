@@ -117,8 +117,10 @@ def test_time_limit_truncates_and_a_reset_is_asked_for() -> None:
     env = made(duration=1.0)
     env.reset(seed=0)
     assert [env.step((6, 2))[2:4] for _ in range(4)] == [(False, False)] * 3 + [(False, True)]
-    with pytest.raises(gym.error.ResetNeeded, match="reset"):
-        env.step((6, 2))
+    new = made(render_mode="rgb_array")
+    for call in (lambda: env.step((6, 2)), lambda: new.step((6, 2)), new.snapshot, new.render):
+        with pytest.raises(gym.error.ResetNeeded, match="reset"):
+            call()
     for env in (gym.make("ActiveSLAM-v0").unwrapped, gym.make_vec("ActiveSLAM-v0", num_envs=2).unwrapped):
         for scores in (env.motion_scores, env.gaze_scores, env.joint_scores, env.lookahead_scores):
             with pytest.raises(gym.error.ResetNeeded, match="reset"):

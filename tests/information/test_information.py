@@ -202,23 +202,6 @@ def test_the_forecast_position_is_as_certain_as_simulated_updates_by_points_that
     assert std.min() > 2.0 * np.sqrt(np.trace(belief.covariance[:3, :3]))
 
 
-def test_net_information_expects_nothing_where_the_camera_looks() -> None:
-    """Of an expected landmark ahead and one to the left, a turn to the left promises the second."""
-    camera = np.eye(13)[3]
-    ahead, left = [0.0, 0.0, 2.0], [2.5, 0.0, 2.0]
-    turn = plans_of([(c.REMAIN, int(Gaze.LEFT), 20)])
-
-    def scored_with(criterion: str, *points: list[float]) -> float:
-        P = np.diag([1e-4] * 12 + [*VARIANCE] * len(points))
-        belief = predicted_belief_with(np.array(points).reshape(-1, 3), P, camera, waiting=len(points))
-        return scores_of(belief, turn, criterion)[0]
-
-    both, new, old, none = (scored_with("net_information", *p) for p in ((ahead, left), (left,), (ahead,), ()))
-    assert both == pytest.approx(new) and old == pytest.approx(none) and none < 0.0
-    assert new > none + 5.0
-    assert scored_with("mutual_information", ahead) > 5.0
-
-
 @pytest.mark.parametrize("criterion", ["mutual_information", "net_information", "fisher_trace"])
 def test_what_plans_share_changes_no_score(criterion: str) -> None:
     """Common beginnings, and ends with the same gaze and frames, are worked out once."""

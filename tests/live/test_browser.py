@@ -19,8 +19,9 @@ playwright = pytest.importorskip("playwright.sync_api", reason="playwright is no
 from activeslam_gym.vision import film
 from activeslam_gym.vision.frontend import MATCHED
 from activeslam_gym.vision.target import target_from
-from tests.live_scene import BROWSER, PATIENCE, SWITCHES, until
+from tests.live_scene import BROWSER, PATIENCE, SWITCHES
 from tests.live_scene import served as serving
+from tests.support import until
 from tests.vision_scene import CHARUCO, LENS, board_on_the_plane, path
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(BROWSER is None, reason="no chromium is installed")]

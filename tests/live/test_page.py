@@ -32,7 +32,8 @@ from activeslam_gym.live.device import Device
 from activeslam_gym.live.page import Page
 from activeslam_gym.live.state import Standing
 from activeslam_gym.motion import Motion
-from tests.live_scene import a_state, serving, until, visitor
+from tests.live_scene import a_state, serving, visitor
+from tests.support import until
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -89,23 +89,6 @@ def test_depth_ratio_is_sigma_over_depth(kind: int) -> None:
     assert layout.depth_ratio(belief, 0) == pytest.approx(expected[kind](), rel=1e-12)
 
 
-@every_mix
-def test_a_new_feature_gets_its_covariance_and_leaves_the_rest(kinds: list[int]) -> None:
-    """P_yx = J P_cx, P_yy = J P_cc J^T + Q."""
-    rng = np.random.default_rng(1)
-    belief = belief_of(kinds)
-    before, J, Q = joint_covariance(belief), rng.standard_normal((6, 12)), random_spd(rng, [0.1] * 6)
-    k = append_feature(belief, INVERSE_DEPTH, np.arange(6.0), J, Q)
-    G = np.zeros((6, len(before)))
-    G[:, :12] = J
-    whole = np.block([[before, before @ G.T], [G @ before, G @ before @ G.T + Q]])
-    np.testing.assert_array_equal(joint_covariance(belief)[: len(before), : len(before)], before)
-    np.testing.assert_allclose(joint_covariance(belief), whole, rtol=1e-11, atol=1e-14)
-    assert k == len(kinds) == belief.state.count - 1 and belief.feature[k].kind == INVERSE_DEPTH
-    np.testing.assert_array_equal(belief.feature[k].mean, np.arange(6.0))
-    assert_well_laid(belief)
-
-
 @pytest.mark.parametrize("gone", range(6))
 def test_removing_a_feature_marginalises_it_out(gone: int) -> None:
     belief = belief_of(MIXES[3])

@@ -104,20 +104,6 @@ def test_every_detection_is_used_with_its_own_noise() -> None:
     assert_updated(belief, before, H, R, nu[order].ravel())
 
 
-@pytest.mark.parametrize(("known", "fiducials", "frames"), [(True, 0, 8), (True, 2, 8), (False, 2, 8), (False, 0, 1)])
-def test_a_product_of_errors_lasts_where_commands_or_fiducials_measure_the_way(known, fiducials, frames) -> None:
-    rng, models = np.random.default_rng(8), models_of(PAPER)
-    models.lens.command_known = known
-    belief = random_belief(PAPER, [INVERSE_DEPTH] * 3, rng)
-    places = support.world_points(rng, belief.state.camera, 2)[:fiducials]
-    sight, before = sight_of(belief, places), copied(belief)
-    nu = rng.standard_normal((fiducials + 3, 2))
-    detections = detections_at(sight.point["z_hat"] + nu, ids=sight.point["id"])
-    use(models, belief, places, NO_BOXES, sight, detections, True)
-    R = VAR * np.eye(2 * len(nu)) + frames * block_diag(*sight.point["curvature"])
-    assert_updated(belief, before, dense_H(sight), R, nu.ravel())
-
-
 def test_ekf_is_the_kalman_filter_where_the_model_is_linear() -> None:
     """Without turning, position and velocity are a linear system: p, v against a plain Kalman filter over 20 frames."""
     scenario = replace(PAPER, orientation_std=1e-9, angular_velocity_std=1e-9, angular_acceleration_std=1e-12)

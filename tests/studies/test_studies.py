@@ -91,13 +91,6 @@ def test_a_verdict_needs_the_whole_interval_of_enough_episodes_on_one_side() -> 
     assert paper.row("", "", np.r_[noise, np.nan], True)[3] == str(40)
 
 
-def test_a_stated_number_has_its_rank_among_the_episodes_that_have_one() -> None:
-    values = np.r_[np.arange(4.0), np.nan]
-    assert paper.number("falls to {}", "", values, -5.0)[::4] == ["falls to −5", "rank 0.00"]
-    assert paper.number("", "", values, 2.5)[3:] == ["4", "rank 0.75"]
-    assert paper.number("", "", np.full(2, np.nan), 2.5)[3:] == ["0", "–"]
-
-
 def test_numbers_of_made_up_episodes() -> None:
     late = episode(lost=True, landmark_times=np.arange(TARGET) + 1.0)
     np.testing.assert_array_equal(measures.at_target([late, episode()], "landmark_times", 2.0), [TARGET, 2.0])

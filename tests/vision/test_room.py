@@ -14,7 +14,6 @@ from activeslam_gym.config import CENTRE, CORNER, SCENARIOS, WALL, NoRoomError, 
 from activeslam_gym.geometry import quaternion_exp, rotate_left
 from activeslam_gym.kernels import filled
 from activeslam_gym.slam.detection import DETECTION
-from activeslam_gym.vision.corners import new_corners
 from activeslam_gym.vision.room import scene as scene_module
 from activeslam_gym.vision.room.camera import FollowedPoints, RoomCamera, target_seen
 from activeslam_gym.vision.room.geometry import Scene, scene_point
@@ -22,7 +21,7 @@ from activeslam_gym.vision.room.lens import TILE, TILE_HEIGHT, TILE_WIDTH, Lens,
 from activeslam_gym.vision.room.render import Sensor, render, workspace_of
 from activeslam_gym.vision.room.scene import draw_scene
 from activeslam_gym.vision.room.shading import SIZE
-from activeslam_gym.vision.room.textures import texture_library, write_pyramid
+from activeslam_gym.vision.room.textures import write_pyramid
 from activeslam_gym.vision.search import SEARCH, Findings, search
 from activeslam_gym.vision.settings import FrontEndSettings
 from activeslam_gym.vision.templates import Templates, empty_templates, store
@@ -140,14 +139,9 @@ def test_a_camera_starts_in_a_corner_or_along_a_wall_before_its_target(start: st
     assert left < right
 
 
-def test_the_same_seed_gives_the_same_room_another_seed_another_and_a_hall_can_be_drawn() -> None:
-    again = draw_scene(Scenario(), np.random.default_rng(3))
-    assert np.array_equal(room(3).surfaces, again.surfaces) and np.array_equal(room(3).boxes, again.boxes)
-    assert not np.array_equal(room(3).boxes, room(4).boxes)
+def test_a_hall_can_be_drawn() -> None:
     hall = draw_scene(Scenario(room_size=(14.0, 4.0, 14.0)), np.random.default_rng(0))
     assert photograph(hall, state()).std() > 10.0
-    texture_library.cache_clear()
-    assert np.array_equal(room(3).textures, texture_library(0))
 
 
 @pytest.mark.parametrize("size", [(3.0, 2.0, 3.0), (1.0, 2.0, 1.0), (0.3, 2.0, 6.0), (6.0, 0.3, 6.0)])
@@ -183,30 +177,6 @@ def found_at(x: np.ndarray, templates: Templates, points: np.ndarray, image: np.
     model, places, n = filled(SEARCH, FrontEndSettings(), gate=11.8), np.arange(len(points)), len(points)
     guess, S = projected(CAMERA, x, points) + off, np.tile(np.eye(2), (n, 1, 1))
     return search(view_from(CAMERA, x), model, templates, image.astype(np.float32), places, points, guess, S)
-
-
-@pytest.mark.parametrize("sensor", [PLAIN, Sensor()], ids=["plain", "noisy"])
-def test_corners_stay_where_they_are_while_the_camera_moves(sensor: Sensor) -> None:
-    scene, errors, count = room(0), [], 0
-    path = [state((0.016 * k, 0.006 * k, 0.02 * k), (0.004 * k, 0.01 * k, 0.002 * k)) for k in range(16)]
-    first = photograph(scene, path[0], sensor)
-    corners = new_corners(first, np.zeros((0, 2)), 60, 7.0, 20, 1e-4)
-    met = [shown(scene, path[0], corner) for corner in corners]
-    around = 6.0 * np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
-    plane = [k for k, (_, on) in enumerate(met) if {shown(scene, path[0], corners[k] + d)[1] for d in around} == {on}]
-    templates, points = empty_templates(len(plane)), np.array([met[k][0] for k in plane])
-    for place, k in enumerate(plane):
-        normal = -scene.surfaces[met[k][1]]["normal"]
-        store(view_from(CAMERA, path[0]), templates, place, 1 + k, first.astype(np.float32), corners[k], normal)
-    for k in range(3, 16, 4):
-        found = found_at(path[k], templates, points, photograph(scene, path[k], sensor, k), 0.3)
-        there = found.peaks > 0
-        errors.extend((found.pixel[:, 0] - projected(CAMERA, path[k], points))[there])
-        count += (found.state > 0).sum()
-    error = np.array(errors)
-    near = np.abs(error).max(axis=1) < 1.0
-    assert len(error) > 50 and near.sum() > 0.95 * count
-    assert error[near].std(axis=0).max() < 0.1 and np.abs(error[near].mean(axis=0)).max() < 0.05
 
 
 def test_a_pattern_finer_than_the_pixels_is_grey() -> None:

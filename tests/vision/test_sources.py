@@ -190,12 +190,11 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for k, picture in enumerate(pictures):
             assert cv2.imwrite(str(home / name / f"{k}.png"), picture)
     (home / "hollow").mkdir()
-    texts = {"hollow/0.png": "", "zero.mp4": "", "zero.json": "", "words.json": "focal 195", "list.json": "[1, 2]"}
+    texts = {"hollow/0.png": "", "zero.mp4": "", "words.json": "focal 195", "list.json": "[1, 2]"}
     changes: dict[str, dict[str, Any]] = {
         "lens": {},
         "nan": {"focal_px": float("nan")},
         "negative": {"focal_px": -195.0},
-        "text": {"focal_px": "195"},
         "infinite": {"distortion": 1.0},
         "other": {"image_width": 640, "image_height": 480, "distortion": 0.0},
     }
@@ -237,27 +236,20 @@ TABLE = [
     ("track", {"calibration": "other.json"}, "the calibration is of images of 640 x 480 pixels, got 320 x 240"),
     ("track", {"calibration": "nan.json"}, "--calibration: nan.json: focal_px must be a finite number, got nan"),
     ("track", {"calibration": "negative.json"}, "negative.json: focal_px must be a positive number, got -195.0"),
-    ("track", {"calibration": "text.json"}, "--calibration: text.json: focal_px must be a finite number, got '195'"),
     ("track", {"calibration": "infinite.json"}, "distortion 1 bends the image's corners beyond infinity; with this"),
     ("track", {"calibration": "list.json"}, "--calibration: list.json must hold a JSON object"),
     ("track", {"calibration": "words.json"}, "--calibration: words.json is no JSON"),
-    ("track", {"calibration": "zero.json"}, "--calibration: zero.json is no JSON"),
     ("track", {"calibration": "board.json"}, f"--calibration: board.json lacks {', '.join(sorted(LENS._fields))}"),
     ("track", {"calibration": "none.json"}, "--calibration: none.json: No such file or directory"),
-    ("track", {"calibration": "good"}, "--calibration: good: Is a directory"),
     ("track", {"calibration": "locked.json"}, "--calibration: locked.json: Permission denied"),
     ("track", {"target": "lens.json"}, "--target: lens.json lacks corners_px, height, kind, width"),
     ("track", {"target": "flat.json"}, "--target: flat.json: width must be a positive number of metres, 1e-06 to"),
     ("track", {"target": "board.json"}, "shows 0 of the 24 corners of the target, a board of kind charuco; 6 or more"),
     ("track", {"rate": "0"}, "rate must be a positive number of images a second, got 0.0"),
-    ("track", {"rate": "nan"}, "rate must be a positive number of images a second, got nan"),
-    ("track", {"rate": "fast"}, "argument --rate: invalid float value: 'fast'"),
     ("track", {"out": "lens.json"}, "--out: 'lens.json' is no folder to write to (Not a directory)"),
     ("calibrate", {"out": "good"}, "--out: good is a folder; allowed: a file"),
-    ("calibrate", {"out": "lens.json/lens.json"}, "is no folder to write to (Not a directory)"),
     ("calibrate", {"kind": "dots"}, "kind must be one of chessboard, charuco, got 'dots'"),
     ("calibrate", {"columns": "2"}, "the board must have 3 to 100 columns and rows, got 2 x 6"),
-    ("calibrate", {"columns": "many"}, "argument --columns: invalid int value: 'many'"),
     ("calibrate", {}, "9 x 6 inner corners (one fewer than squares) was found in 0 pictures; 3 or more are needed\n"),
 ]
 """(command, options that are wrong, what is said)."""

@@ -154,15 +154,6 @@ def test_a_film_shows_the_image_beside_the_map(sequence, filmed) -> None:
     assert int(film.get(cv2.CAP_PROP_FRAME_COUNT)) == len(list((sequence / "images").iterdir())) - 1
 
 
-def test_a_film_on_a_full_disk_is_removed_and_the_track_kept(sequence, filmed, tmp_path, capsys) -> None:
-    with small_files((filmed / "film.mp4").stat().st_size // 2):
-        assert main(command(sequence, tmp_path, None, "--film")) == 2
-    said = capsys.readouterr().err.splitlines()[-1]
-    assert said.startswith(f"python -m activeslam_gym track: {tmp_path / 'film.mp4'} cannot be written")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["frames.csv", "map.csv", "trajectory.tum"]
-    assert len(np.loadtxt(tmp_path / "trajectory.tum")) == 25
-
-
 def test_a_track_on_a_full_disk_keeps_whole_lines(sequence, filmed, tmp_path, capsys) -> None:
     with small_files(1000):
         assert main(command(sequence, tmp_path, None, "--film")) == 2
@@ -172,9 +163,8 @@ def test_a_track_on_a_full_disk_keeps_whole_lines(sequence, filmed, tmp_path, ca
     assert (tmp_path / "trajectory.tum").read_text().endswith("\n")
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
-def test_sigterm_loses_no_track(sequence, tmp_path, number) -> None:
-    """SIGTERM ends it as Ctrl-C does, with map, film and summary; even SIGKILL leaves the lines written so far."""
+def test_sigterm_loses_no_track(sequence, tmp_path) -> None:
+    """It ends a track as Ctrl-C does, with map, film and summary; what is over is on disk while the track goes on."""
     there = sorted((sequence / "images").iterdir())
     (tmp_path / "images").mkdir()
     for k, image in enumerate(islice(chain.from_iterable(repeat(there + there[::-1])), 3000)):  # half a minute or more
@@ -186,13 +176,11 @@ def test_sigterm_loses_no_track(sequence, tmp_path, number) -> None:
         while process.poll() is None and not (frames.exists() and frames.read_text().count("\n") > 10):
             time.sleep(0.05)
         running = process.poll() is None
-        process.send_signal(number)
+        process.send_signal(signal.SIGTERM)
         out, err = process.communicate(timeout=60)
     written = np.loadtxt(poses)
     assert running and 10 < len(written) < 3000 and poses.read_text().endswith("\n")
     assert abs(frames.read_text().count("\n") - len(written)) <= 1  # the last image may have one of the two
-    if number == signal.SIGKILL:
-        return
     assert process.returncode == 1 and err.endswith("track: ended early: interrupted\n")
     assert int(out.split(" images; ")[0]) - len(written) in (0, 1) and f"results in {tmp_path / 'out'}" in out
     assert len((tmp_path / "out" / "map.csv").read_text().splitlines()) > 12

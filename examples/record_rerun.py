@@ -42,15 +42,15 @@ def log(core: Any, info: dict[str, Any]) -> None:
     """Log the present moment: `run_episode` calls it after the reset and after every step."""
     now = core.snapshot()
     rr.set_time("time", duration=now.time)
-    poses = {"truth": (now.true_position, now.true_quaternion), "belief": (now.position, now.quaternion)}
-    for camera, (position, quaternion) in poses.items():
-        rr.log(f"world/{camera}", rr.Transform3D(translation=position, quaternion=np.roll(quaternion, -1)))
+    for camera, at in {"truth": now.truth, "belief": now.belief}.items():
+        pose = rr.Transform3D(translation=at.position, quaternion=np.roll(at.quaternion, -1))
+        rr.log(f"world/{camera}", pose)
     means, covariances, _ = believed_points(now)
     variances, axes = np.linalg.eigh(covariances)
     axes[..., 0] *= np.linalg.det(axes)[:, None]  # rotations, no reflections
     turns, halves = Rotation.from_matrix(axes).as_quat(), 2.0 * np.sqrt(np.maximum(variances, 0.0))
     rr.log("world/features", rr.Ellipsoids3D(centers=means, half_sizes=halves, quaternions=turns))
-    rr.log("world/landmarks", rr.Points3D(now.true_landmarks, radii=[0.02]))
+    rr.log("world/landmarks", rr.Points3D(now.truth.landmarks, radii=[0.02]))
     rr.log("world/expected", rr.Points3D(now.expected_landmarks, radii=[0.01]))
     rr.log("world/belief/predicted", rr.LineStrips2D(ellipses(*predicted_pixels(now), 3.0)))
     rr.log("world/belief/detected", rr.Points2D(now.detections, radii=[2.0]))

@@ -71,15 +71,15 @@ class MapPanel:
     def update(self, snapshot: Snapshot) -> None:
         """Moves the artists."""
         self._update_room(np.array(snapshot.room_size, dtype=float))
-        faces, colours = screen_from_world(scene.box_faces(snapshot.boxes)), [GRID, MUTED, EXPECTED]
-        self._boxes.set(verts=list(faces), facecolor=_faded(colours * len(snapshot.boxes), _BOX_ALPHA))
+        faces, colours = screen_from_world(scene.box_faces(snapshot.truth.boxes)), [GRID, MUTED, EXPECTED]
+        self._boxes.set(verts=list(faces), facecolor=_faded(colours * len(snapshot.truth.boxes), _BOX_ALPHA))
         for artist, points in (
             (self._floor_plan, snapshot.floor_plan),
             (self._expected, snapshot.expected_landmarks),
-            (self._fiducials, snapshot.fiducials),
-            (self._true_landmarks, snapshot.true_landmarks),
-            (self._mapped, snapshot.landmarks[snapshot.mapped]),
-            (self._initialised, snapshot.landmarks[~snapshot.mapped]),
+            (self._fiducials, snapshot.truth.fiducials),
+            (self._true_landmarks, snapshot.truth.landmarks),
+            (self._mapped, snapshot.belief.landmarks[snapshot.belief.mapped]),
+            (self._initialised, snapshot.belief.landmarks[~snapshot.belief.mapped]),
             (self._true_path, snapshot.true_trajectory),
             (self._path, snapshot.estimated_trajectory),
             (self._shadow, self._on_floor(snapshot.estimated_trajectory)),
@@ -124,11 +124,11 @@ class MapPanel:
         """The truth in faint black, then the estimate over it (left out where a lost filter has none)."""
         depth, faces, styles = 0.3 * min(snapshot.room_size), [], []
         for position, quaternion, style in (
-            (snapshot.true_position, snapshot.true_quaternion, (TRUTH, 0.0, 0.4)),
-            (snapshot.position, snapshot.quaternion, (CAMERA, 0.10, 1.0)),
+            (snapshot.truth.position, snapshot.truth.quaternion, (TRUTH, 0.0, 0.4)),
+            (snapshot.belief.position, snapshot.belief.quaternion, (CAMERA, 0.10, 1.0)),
         ):
             if np.isfinite(position).all() and np.isfinite(quaternion).all():
-                faces += scene.camera_frustum(snapshot.scenario, snapshot.image_size, position, quaternion, depth)
+                faces += scene.camera_frustum(snapshot.scenario, position, quaternion, depth)
                 styles += [style] * 5
         colours, face_alpha, edge_alpha = zip(*styles)
         verts = [screen_from_world(face) for face in faces]
@@ -158,7 +158,7 @@ class ImagePanel:
 
     def update(self, snapshot: Snapshot) -> None:
         """Moves the artists to the snapshot."""
-        width, height = (float(pixels) for pixels in snapshot.image_size)
+        width, height = float(snapshot.scenario.image_width), float(snapshot.scenario.image_height)
         self._photo.set_visible(snapshot.image is not None)
         if snapshot.image is not None:
             self._photo.set(data=snapshot.image, extent=(-0.5, width - 0.5, height - 0.5, -0.5))

@@ -69,8 +69,8 @@ class Picture:
 
     def update(self, snapshot: Snapshot, beside: Sequence[Curve] = ()) -> None:
         """Moves every artist to the snapshot; the caller draws the canvas. ``beside``: see `draw`."""
-        error_cm = 100 * np.linalg.norm(snapshot.position - snapshot.true_position)
-        mapped = f"{np.count_nonzero(snapshot.mapped)} of {len(snapshot.true_landmarks)}"
+        error_cm = 100 * np.linalg.norm(snapshot.belief.position - snapshot.truth.position)
+        mapped = f"{np.count_nonzero(snapshot.belief.mapped)} of {len(snapshot.truth.landmarks)}"
         if self._small:
             self._title.set_text(f"{snapshot.scenario.name}   t = {snapshot.time:.1f} s")
             self._summary.set_text(f"{mapped} mapped, camera {error_cm:.1f} cm off")

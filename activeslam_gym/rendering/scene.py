@@ -77,12 +77,12 @@ def great_circles(means: np.ndarray, covariances: np.ndarray, sigmas: float) -> 
     return (means[:, None, None] + sigmas * on_ellipsoid).reshape(-1, 32, 3)
 
 
-def camera_frustum(scenario, image_size, position, quaternion, depth: float) -> list[np.ndarray]:
+def camera_frustum(scenario, position, quaternion, depth: float) -> list[np.ndarray]:
     """Four triangles (3, 3) and the image rectangle (4, 3) in the world, m: a pinhole's view, distortion left out.
 
     `position` (3,) p_WC in m, `quaternion` (4,) q_WC, scalar first, `depth` of the rectangle in m.
     """
-    width, height = image_size
+    width, height = scenario.image_width, scenario.image_height
     u, v = np.array([0, width, width, 0]), np.array([0, 0, height, height])
     # x left and y up, while u grows to the right and v downwards.
     x, y = (scenario.principal_x_px - u) / scenario.focal_px, (scenario.principal_y_px - v) / scenario.focal_px
@@ -139,9 +139,9 @@ def believed_points(snapshot: Snapshot) -> tuple[np.ndarray, np.ndarray, np.ndar
 
     Points without a finite mean and covariance, of a lost filter, are left out.
     """
-    P, means = snapshot.covariance, np.concatenate((snapshot.landmarks, snapshot.position[None]))
+    P, means = snapshot.belief.covariance, np.concatenate((snapshot.belief.landmarks, snapshot.belief.position[None]))
     covariances = np.array([P[at : at + 3, at : at + 3] for at in (*range(_CAMERA_DIM, len(P), 3), 0)])
-    colours = np.append(np.where(snapshot.mapped, MAPPED, INITIALISED), CAMERA)
+    colours = np.append(np.where(snapshot.belief.mapped, MAPPED, INITIALISED), CAMERA)
     finite = _are_finite(means, covariances)
     return means[finite], covariances[finite], colours[finite]
 

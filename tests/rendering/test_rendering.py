@@ -57,17 +57,19 @@ def test_same_snapshot_same_picture_and_the_users_settings_are_left_alone():
 @pytest.mark.filterwarnings("error")
 def test_nothing_to_draw_a_lost_belief_and_degenerate_covariances_still_make_a_picture():
     snapshot = make_snapshot(steps=0, mode=None)
-    assert len(snapshot.landmarks) == len(snapshot.times) == 0
-    nothing = dict.fromkeys(("expected_landmarks", "fiducials", "true_landmarks"), np.zeros((0, 3)))
-    assert rendering.draw(replace(snapshot, **nothing)).std() > 5
+    assert len(snapshot.belief.landmarks) == len(snapshot.times) == 0
+    none = np.zeros((0, 3))
+    truth = replace(snapshot.truth, fiducials=none, landmarks=none)
+    assert rendering.draw(replace(snapshot, expected_landmarks=none, truth=truth)).std() > 5
     snapshot = make_snapshot()
-    for name in ("position", "quaternion", "covariance", "landmarks", "predicted", "predicted_covariance"):
-        getattr(snapshot, name)[:] = np.nan
+    belief = snapshot.belief
+    for array in (belief.camera, belief.covariance, belief.points, snapshot.predicted, snapshot.predicted_covariance):
+        array[:] = np.nan
     snapshot.entropy[-1] = np.nan
     assert rendering.draw(snapshot).std() > 5
     for block in (np.zeros((3, 3)), np.diag([1.0, 0, 0]), -np.eye(3), np.full((3, 3), np.nan)):
         snapshot = make_snapshot()
-        snapshot.covariance[12:15, 12:15] = snapshot.covariance[:3, :3] = block
+        snapshot.belief.covariance[12:15, 12:15] = snapshot.belief.covariance[:3, :3] = block
         snapshot.predicted_covariance[:] = block[:2, :2]
         assert rendering.draw(snapshot).std() > 5
 
@@ -79,7 +81,7 @@ def test_view_is_right_handed_and_the_frustum_projects_back_to_the_image():
     assert np.linalg.det(axes) == pytest.approx(1.0)
     assert axes[0, 0] < 0 and axes[1, 1] > 0 and axes[0, 1] == pytest.approx(0.0)
     position, quaternion = np.random.default_rng(2).normal(size=3), np.array([0.5, -0.5, 0.1, 0.7])
-    corners = scene.camera_frustum(Scenario(), (320, 240), position, quaternion, 0.7)[-1]
+    corners = scene.camera_frustum(Scenario(), position, quaternion, 0.7)[-1]
     x, y, z = Rotation.from_quat(quaternion, scalar_first=True).inv().apply(corners - position).T
     pixels = np.stack((162 - 195 * x / z, 125 - 195 * y / z), axis=1)
     np.testing.assert_allclose(pixels, [(0, 0), (320, 0), (320, 240), (0, 240)], atol=1e-9)

@@ -45,7 +45,7 @@ class Smoother:
         settings.relinearizeSkip = 10
         settings.setRelinearizeThreshold(THRESHOLD)
         self.isam, self.graph, self.values = gtsam.ISAM2(settings), gtsam.NonlinearFactorGraph(), gtsam.Values()
-        self.anchors, self.frame, self.time, self.dt = np.zeros((0, 3)), 0, 0.0, self.scenario.frame_time
+        self.anchors, self.frame, self.dt = np.zeros((0, 3)), 0, self.scenario.frame_time
         self.begin_frame(0, transition(np.concatenate((mean[:7], -mean[7:])), np.zeros(6), self.dt))  # a frame before
         self.begin_frame(1, mean)
         R, dt = gtsam.Rot3.Quaternion(*mean[3:7]), self.dt
@@ -57,7 +57,7 @@ class Smoother:
 
     def predict(self, u: np.ndarray, dt: float, contact: bool = False) -> None:
         self.solve()
-        before, self.dt, self.time, keys = self.dt, dt, self.time + dt, self.present()
+        before, self.dt, keys = self.dt, dt, self.present()
         self.begin_frame(self.frame + 1, transition(self.mean, u, dt))
         stds = dt * np.repeat((self.motion.filter_acceleration_std, self.motion.filter_angular_acceleration_std), 3)
         if contact:
@@ -110,7 +110,7 @@ class Smoother:
             J[at : at + 3, at : at + 3] = point_of(y[k])[1][:, 3:]
         points = np.array([point_of(one)[0] for one in y]).reshape(-1, 3)
         mapped = np.sqrt(P.diagonal()[14::3]) < self.scenario.mapped_depth_ratio * y[:, 5]
-        return Estimate(self.mean, np.arange(1, n + 1), points, J @ P @ J.T, mapped, np.zeros(n, bool), self.time)
+        return Estimate(self.mean, np.arange(1, n + 1), points, J @ P @ J.T, mapped, np.zeros(n, bool))
 
     def solve(self) -> None:
         """Gauss and Newton, at most five steps; the present state and the map are eliminated last."""

@@ -1,6 +1,6 @@
 """The public reads of an environment, for policies and for the evaluator; the same names for one and for a batch."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -37,11 +37,9 @@ class PublicBelief(Estimate):
 
 def public_belief(run: Run) -> PublicBelief:
     """A read-only copy of the estimate."""
-    e, given = run.episode.evaluation, taken_estimate(run.estimate)
-    return PublicBelief(
-        **{one.name: getattr(given, one.name) for one in fields(given)},
-        log2_dets={part: float(e[f"log2_det_{part}"]) for part in ("camera", "map", "total")},
-    )
+    e = run.episode.evaluation
+    log2_dets = {part: float(e[f"log2_det_{part}"]) for part in ("camera", "map", "total")}
+    return PublicBelief(**vars(taken_estimate(run.estimate)), log2_dets=log2_dets)
 
 
 def _nees_per_dof(run: Run) -> dict[str, float]:

@@ -62,12 +62,10 @@ class Ekf:
     def reset(self, mean: np.ndarray, covariance: np.ndarray) -> None:
         """Begin an episode."""
         reset_belief(self.belief, mean, covariance)
-        self.time = 0.0
 
     def predict(self, u: np.ndarray, dt: float, contact: bool = False) -> None:
         """Go on by ``dt`` seconds: x = f(x, u), P = F P F^T + Q."""
         predict(self.models.motion, self.belief, u, dt, contact)
-        self.time += dt
 
     def update(self, measurements: Measurements) -> np.ndarray:
         """Associate, update, and initialise features; (M,) what each measurement was matched to."""
@@ -89,7 +87,7 @@ class Ekf:
 
     def estimate(self) -> Estimate:
         """The present state estimate."""
-        return taken_estimate(self._filter.arrays(), self.time)
+        return taken_estimate(self._filter.arrays())
 
     def predicted(self) -> Sight:
         """The predicted measurements of the fiducials and features in reach: their pixels, by the sensor.

@@ -57,8 +57,6 @@ class Estimate:
     """(n,) bool: the deviation of the depth over the depth is under the scenario's ratio."""
     converted: np.ndarray
     """(n,) bool: the estimator holds it as a point."""
-    time: float = 0.0
-    """[s] since the reset."""
     located: np.ndarray | None = None
     """(n,) bool: the depth has a Gaussian; None: of all landmarks. One whose depth is a set of particles has none."""
 
@@ -183,7 +181,7 @@ def put_estimate(estimate: Estimate, arrays: EstimateArrays) -> None:
     own["converted"], own["located"] = estimate.converted, estimate.located
 
 
-def taken_estimate(arrays: EstimateArrays, time: float = 0.0) -> Estimate:
+def taken_estimate(arrays: EstimateArrays) -> Estimate:
     """The `Estimate` that ``arrays`` of one run hold; copies."""
     n = int(arrays.state.count)
     own, size = arrays.landmark[:n], CAMERA_DIM + 3 * n
@@ -194,7 +192,6 @@ def taken_estimate(arrays: EstimateArrays, time: float = 0.0) -> Estimate:
         covariance=arrays.covariance[:size, :size],
         mapped=own["mapped"],
         converted=own["converted"],
-        time=time,
         located=own["located"],
     )
 

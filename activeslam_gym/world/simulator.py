@@ -8,7 +8,7 @@ import numpy as np
 from activeslam_gym.camera import distance_between, free_way, view_of, visible
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.kernels import Record, borrowed, borrowing, compiled, filled, inlined, record
+from activeslam_gym.kernels import Record, borrowed, borrowing, compiled, constants, inlined, record
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import CAMERA_SIZE, MOTION_AXIS, MOTION_SIGN, POSITION, QUATERNION, VELOCITY, transition
 from activeslam_gym.world.noise import normal_pair, normals, uniforms
@@ -24,11 +24,12 @@ TRUTH = record(
 )
 """The ground truth of one run, beside the positions of its room."""
 
-SENSOR = record(
+SENSOR, sensor_of = constants(
+    Scenario(),
     missed_detection_probability="f8",
     clutter_rate="f8",
-    clutter_capacity="i8",
-    facing_cosine="f8",  # of the greatest angle from its normal at which a landmark on a surface is seen
+    clutter_capacity=lambda s: math.ceil(s.clutter_rate + 5.0 * math.sqrt(s.clutter_rate)),  # five deviations over it
+    facing_cosine=lambda s: math.cos(s.facing_angle),  # of the greatest angle at which a landmark on a surface is seen
 )
 """How points become detections, beside the camera's own numbers."""
 
@@ -77,13 +78,6 @@ def put_room(world: World, room: Room) -> None:
     world.state.boxes = len(room.boxes)
     world.boxes[:] = 0.0
     world.boxes[: len(room.boxes)] = room.boxes
-
-
-def sensor_of(scenario: Scenario) -> Record:
-    """The SENSOR record of a scenario. Room for five standard deviations of clutter over its mean."""
-    rate = scenario.clutter_rate
-    capacity = math.ceil(rate + 5.0 * math.sqrt(rate)) if rate > 0 else 0
-    return filled(SENSOR, scenario, clutter_capacity=capacity, facing_cosine=math.cos(scenario.facing_angle))
 
 
 def detection_capacity(scenario: Scenario) -> int:

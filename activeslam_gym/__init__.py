@@ -43,17 +43,12 @@ __all__ = [
     "warm_up",
 ]
 
-for _name in ("ActiveSLAM", "ActiveSLAMDiscrete", "ActiveSLAMContinuous"):
+for _name in ("ActiveSLAM", "ActiveSLAMDiscrete", "ActiveSLAMContinuous", "ActiveSLAMPixels"):
     gymnasium.register(
         f"{_name}-v0",
         entry_point=f"activeslam_gym.envs.active_slam:{_name}Env",
         vector_entry_point=f"activeslam_gym.envs.active_slam_vector:{_name}VectorEnv",
     )
-gymnasium.register(
-    "ActiveSLAMPixels-v0",
-    entry_point="activeslam_gym.envs.active_slam_pixels:ActiveSLAMPixelsEnv",
-    vector_entry_point="activeslam_gym.envs.active_slam_pixels:ActiveSLAMPixelsVectorEnv",
-)
 
 
 def core_of(env: gymnasium.Env | gymnasium.vector.VectorEnv) -> Any:

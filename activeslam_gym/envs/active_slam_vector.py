@@ -19,6 +19,7 @@ from activeslam_gym.envs.setting import checked_rendering, resolve
 from activeslam_gym.envs.snapshot import Snapshot, snapshot_of
 from activeslam_gym.envs.step import BEGIN, REST, STEP
 from activeslam_gym.kernels import row
+from activeslam_gym.sensors.sensor import IMAGES
 from activeslam_gym.threads import Workers
 
 
@@ -219,6 +220,15 @@ class ActiveSLAMContinuousVectorEnv(ActiveSLAMVectorEnv):
     """``ActiveSLAMContinuous-v0`` a batch at a time: actions (B, 4), see `ActiveSLAMContinuousEnv`."""
 
     _encoding = POINTS
+
+
+class ActiveSLAMPixelsVectorEnv(ActiveSLAMVectorEnv):
+    """``ActiveSLAMPixels-v0`` a batch at a time: what `ActiveSLAMVectorEnv` is to `ActiveSLAMEnv`."""
+
+    def __init__(
+        self, num_envs: int = 1, scenario: str | Mapping[str, Any] | Scenario = "pixels", **arguments: Any
+    ) -> None:
+        super().__init__(num_envs, scenario, sensor=IMAGES, **arguments)
 
 
 def _mode(mode: AutoresetMode | str) -> AutoresetMode:

@@ -8,8 +8,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 
 import numpy as np
 
-from activeslam_gym.envs.active_slam import ActiveSLAMEnv
-from activeslam_gym.envs.active_slam_pixels import ActiveSLAMPixelsEnv
+from activeslam_gym.envs.active_slam import ActiveSLAMEnv, ActiveSLAMPixelsEnv
 from activeslam_gym.envs.planning import net_of_runs, score_runs
 from activeslam_gym.motion import Gaze, Motion
 from activeslam_gym.threads import available_cores

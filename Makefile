@@ -97,9 +97,12 @@ clips: $(VENV)/.agents ## a clip of each policy for the leaderboard: docs/images
 test: $(VENV)/.dev ## lint, every test but the slow ones, and the notebooks
 	$(MAKE) --jobs 2 lint pytest
 
-# Kernels are compiled once, on all cores, before the workers begin: each would compile the same ones.
+# Kernels are compiled once, on all cores, before the workers begin, which would compile the same ones. What Numba warns
+# of is an error.
 pytest: $(VENV)/.dev
-	$(RUN) -c 'import activeslam_gym; activeslam_gym.warm_up(images=True)'
+	printf '%s\n' steps scores images | xargs -P $(WORKERS) -I KERNELS $(RUN) -c 'import warnings; \
+		from numba.core.errors import NumbaWarning; warnings.simplefilter("error", NumbaWarning); \
+		from activeslam_gym.envs import compiling; compiling.KERNELS()'
 	NOTEBOOK_STEPS=2240 NOTEBOOK_ROOMS=2 NOTEBOOK_SECONDS=10 OMP_NUM_THREADS=1 $(RUN) -m pytest -n $(WORKERS) --dist worksteal --nbmake --nbmake-timeout=300 tests notebooks
 
 test-oldest: ## the tests without those of learning, with the lowest versions that pyproject.toml allows and Python 3.10, if installed (10 minutes or more)

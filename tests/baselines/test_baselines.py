@@ -249,7 +249,7 @@ def test_the_choice_has_the_highest_median_in_rooms_of_training_and_is_made_once
     assert best_constant(env) == first and not capsys.readouterr().err
 
 
-def test_the_command_makes_the_named_ones_anew_and_keeps_the_others(
+def test_the_command_regenerates_the_named_ones_and_keeps_the_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     made = {"scenario": "paper", "medians": {"UP LEFT": 1.0}}
@@ -266,13 +266,6 @@ def test_the_command_makes_the_named_ones_anew_and_keeps_the_others(
     assert table.main(["nowhere"]) == 2
     told = capsys.readouterr().err
     assert all(name in told for name in ("nowhere", *SCENARIOS))
-
-
-def test_a_plan_holds_each_action_for_its_share_and_words_tell_it() -> None:
-    plan = BACK_THEN_ORBIT.plan(10)
-    assert plan.tolist() == [list(BACK_THEN_ORBIT.actions[0])] * 6 + [list(BACK_THEN_ORBIT.actions[1])] * 4
-    assert constant((2, 1)).plan(3).tolist() == [[2, 1]] * 3
-    assert BACK_THEN_ORBIT.words() == "BACKWARDS STAY to 54 %, then RIGHT LEFT"
 
 
 def test_the_policy_plays_the_sequence() -> None:

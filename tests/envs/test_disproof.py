@@ -37,18 +37,6 @@ def look(expected: np.ndarray, poses: list[np.ndarray], probability: float = 1.0
     return int(run.episode.views)
 
 
-def test_what_stood_long_enough_well_inside_is_expected_elsewhere() -> None:
-    at = (0.0, 0.0, 2.0), (0.0, 0.0, -2.0), (0.0, 0.0, 2.5)
-    expected = expectation(*at)
-    expected["feature"][2] = 9  # a feature has retired it
-    look(expected, [POSE] * 4)
-    np.testing.assert_array_equal(expected["point"], at)
-    assert look(expected, [POSE] * 4) == 1
-    assert expected["redraws"].tolist() == [1, 0, 0]
-    assert not inside(POSE, expected["point"][0]) and (abs(expected["point"][0]) <= HALF).all()
-    np.testing.assert_array_equal(expected["point"][1:], at[1:])
-
-
 def test_landmarks_on_surfaces_are_expected_on_walls() -> None:
     """Each of the four walls gets its share of redrawn points."""
     expected = expectation(*[(0.0, 0.0, 2.0)] * 400)

@@ -15,10 +15,10 @@ from activeslam_gym.envs.evaluation import (
     true_id,
 )
 from activeslam_gym.envs.reward import REWARDS
-from activeslam_gym.envs.run import NO_OWNER, OWNER, UNKNOWN
+from activeslam_gym.envs.run import NO_OWNER, OWNER
 from activeslam_gym.metrics import UNSOUND_LOG_SCORE
-from activeslam_gym.slam.belief import POINT, fiducial_id
-from activeslam_gym.slam.detection import NEW, REJECTED
+from activeslam_gym.slam.belief import POINT
+from activeslam_gym.slam.detection import REJECTED
 from activeslam_gym.slam.filter import detections_of
 from activeslam_gym.world.simulator import CLUTTER_LABEL
 from tests.support import PAPER, estimate_of, random_belief, simulation_of
@@ -107,24 +107,7 @@ class PlainEvaluator:
         return self.owner["landmark"][: int(self.estimate.state.count)].tolist()
 
 
-@pytest.mark.parametrize(
-    ("match", "label", "wrong"),
-    [
-        (fiducial_id(1), 1, 0),
-        (fiducial_id(1), 0, 1),
-        (fiducial_id(1), CLUTTER_LABEL, 1),
-        (NEW, 0, 0),
-        (REJECTED, 0, 0),
-        (99, 0, 0),
-    ],
-)
-def test_a_fiducial_is_itself_and_what_is_not_matched_is_not_wrong(match: int, label: int, wrong: int) -> None:
-    identity = PlainEvaluator()
-    assert identity.frame((match, label)) == (wrong, 0)
-    assert (identity.owner["label"] == UNKNOWN).all()
-
-
-def test_a_feature_is_what_it_was_born_of_for_life() -> None:
+def test_a_feature_is_what_initialised_it_for_life() -> None:
     identity = PlainEvaluator()
     assert identity.frame((1, K + 2), (2, CLUTTER_LABEL), (3, 0)) == (0, 1)
     assert identity.owners == [2, NO_OWNER, NO_OWNER]

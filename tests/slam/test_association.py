@@ -5,11 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
-from activeslam_gym.config import DEPTH_PARTICLES, Scenario
+from activeslam_gym.config import DEPTH_PARTICLES
 from activeslam_gym.metrics import camera_error
 from activeslam_gym.slam.appearance import appearance_of, associate_identified
 from activeslam_gym.slam.association import (
@@ -17,10 +16,8 @@ from activeslam_gym.slam.association import (
     association_of,
     hypotheses,
     match_jointly,
-    match_unknown,
 )
-from activeslam_gym.slam.belief import INVERSE_DEPTH, NEVER, POINT
-from activeslam_gym.slam.detection import DETECTION, NEW, REJECTED, UNASSOCIATED, WAITS, condition
+from activeslam_gym.slam.detection import DETECTION, NEW, REJECTED, UNASSOCIATED, condition
 from activeslam_gym.slam.filter import Filter, detections_of
 from activeslam_gym.slam.sight import INSIDE, PREDICTED, Sight
 from tests.support import (
@@ -28,17 +25,15 @@ from tests.support import (
     PAPER,
     moved,
     pixel_of,
-    random_belief,
     random_spd,
     replaced,
-    sight_of,
     world_points,
 )
 
 VAR = float(CAMERA.pixel_std**2)
 MODEL = replaced(association_of(PAPER), new_feature_gate=1e9, nodes=1000)
 """Without a gate, so that every assignment is one, and with room for them."""
-STRANGERS = 1.5
+UNMAPPED = 1.5
 
 # Joint matching -----------------------------------------------------------------------------------------------------
 
@@ -81,7 +76,7 @@ def matched_jointly(z: np.ndarray, S: np.ndarray, pixels: np.ndarray, **model: f
         open_hypotheses(z, S, detections),
         np.zeros(3, PREDICTED),
     )  # of fiducials, which have no id that is positive
-    constants, worth = replaced(MODEL, **model), 0.5 * MODEL.clutter_cost - np.log(STRANGERS)
+    constants, worth = replaced(MODEL, **model), 0.5 * MODEL.clutter_cost - np.log(UNMAPPED)
     assert match_jointly(constants, h, points, detections, worth, of_point)
     return of_point
 
@@ -89,7 +84,7 @@ def matched_jointly(z: np.ndarray, S: np.ndarray, pixels: np.ndarray, **model: f
 @pytest.mark.parametrize("seed", range(40))
 def test_the_search_is_that_of_all_assignments(seed: int) -> None:
     z, S, pixels = scene(seed, 3, seed % 3)
-    scores = scores_of_all(z, S, pixels, STRANGERS)
+    scores = scores_of_all(z, S, pixels, UNMAPPED)
     best, of_point = max(scores, key=scores.__getitem__), matched_jointly(z, S, pixels)
     for a in range(3):
         rival = max(score for answer, score in scores.items() if answer[a] != best[a])
@@ -119,49 +114,6 @@ def test_where_the_nodes_run_out_nothing_is_accepted(nodes: int, found: bool) ->
     assert (matched_jointly(*scene(1, 3, 0), nodes=nodes) >= 0).any() == found
 
 
-def answered(
-    sight: Sight,
-    pixels: ArrayLike,
-    z_hat: ArrayLike,
-    S: np.ndarray,
-    ids: int = UNASSOCIATED,
-    scenario: Scenario = PAPER,
-) -> list[list]:
-    """The matches of detections at ``pixels``, and which predictions wait, with other pixels and covariances."""
-    sight.point["z_hat"], sight.S[:] = z_hat, S
-    detections = detections_of(pixels, ids=ids)
-    matches = match_unknown(association_of(scenario), sight, detections, 10)
-    return [detections["match"].tolist(), (matches == WAITS).tolist()]
-
-
-MIDDLE = (160.0, 120.0)
-
-
-@pytest.mark.parametrize(("seconds", "std", "matched"), [(1.0, 17.0, True), (1.0, 60.0, False), (11.0, 17.0, False)])
-def test_what_was_seen_lately_needs_less_of_a_lead(seconds: float, std: float, matched: bool) -> None:
-    """A lone detection in a wide ellipse was refused until the ellipse was so wide that the run was lost."""
-    belief = random_belief(PAPER, [POINT], np.random.default_rng(0))
-    belief.state.frame, belief.feature["born"][0] = 1000, -1
-    belief.feature["seen"][0] = 1000 - round(seconds / PAPER.frame_time)
-    match = belief.feature["id"][0] if matched else REJECTED
-    assert answered(sight_of(belief), [[162.0, 119.0]], MIDDLE, std**2 * np.eye(2)) == [[match], [not matched]]
-
-
-@pytest.mark.parametrize("kind", [INVERSE_DEPTH, POINT])
-def test_a_new_feature_near_which_two_were_seen_waits(kind: int) -> None:
-    """A feature of one landmark was matched to its neighbour in the first frame that missed the landmark."""
-    belief = random_belief(PAPER, [kind], np.random.default_rng(0))
-    belief.state.frame, belief.feature["born"][0], belief.feature["seen"][0] = 1000, 990, 999
-    sight, S, id = sight_of(belief), 2.5**2 * np.eye(2), belief.feature["id"][0]
-    both, one, frames = [[158.0, 120.0], [163.0, 121.0]], [[163.0, 121.0]], association_of(PAPER).crowded
-    assert answered(sight, both, MIDDLE, S) == [[REJECTED, REJECTED], [True]]
-    assert (sight.point["crowded"][0] == 0) == (kind == INVERSE_DEPTH)
-    for since in range(1, frames + 1):
-        sight.point["crowded"] = since if kind == INVERSE_DEPTH else NEVER
-        matched = kind == POINT or since == frames
-        assert answered(sight, one, MIDDLE, S) == [[id if matched else REJECTED], [not matched]]
-
-
 # The way back -------------------------------------------------------------------------------------------------------
 
 
@@ -185,14 +137,6 @@ def test_a_filter_whose_ellipses_are_all_ambiguous_finds_its_way_back() -> None:
         assert left @ np.linalg.solve(filter.belief.covariance[:6, :6], left) < 22.5  # 99.9 % of 6 dimensions
         count += sum(used)
     assert count > 0.75 * 12 * 7
-
-
-def test_two_points_of_which_nothing_tells_which_is_which_wait() -> None:
-    fiducials = np.array([[0.02, 0.0, 2.0], [-0.02, 0.0, 2.0]])
-    filter = Filter(fiducials=fiducials, covariance=np.diag([0.1**2] * 3 + [0.05**2] * 3 + [1e-4] * 6))
-    z = filter.sight().point["z_hat"]
-    pixels = z.mean(axis=0) + [[0.0, 3.0], [0.0, -3.0]]
-    assert filter.update(detections_of(pixels)).tolist() == [REJECTED, REJECTED]
 
 
 # Identified candidates ------------------------------------------------------------------------------------------------

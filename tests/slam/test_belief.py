@@ -120,7 +120,7 @@ def test_converting_a_feature_is_its_jacobian_on_the_joint_covariance(kinds: lis
     assert_well_laid(belief)
 
 
-def test_many_births_and_deaths_keep_the_layout() -> None:
+def test_many_features_that_come_and_go_keep_the_layout() -> None:
     rng = np.random.default_rng(3)
     belief = belief_of(MIXES[3])
     for _ in range(300):

@@ -108,12 +108,12 @@ def test_a_product_of_errors_that_lasts_is_counted_once(command_known: bool, low
         filter = Filter(scenario, covariance=prior)
         truth = filter.mean
         point = np.array([0.0, 0.0, 1.0 / rho])
-        born = filter.add_landmark(pixel_of(CAMERA, truth, point))
+        id = filter.add_landmark(pixel_of(CAMERA, truth, point))
         for _ in range(20):
             truth[0] += 0.05 * speed
             filter.predict()
             seen = pixel_of(CAMERA, truth, point) + 2.0 * rng.standard_normal(2)
-            filter.update(detections_of(seen[None], ids=np.array([born])), labelled=True)
+            filter.update(detections_of(seen[None], ids=np.array([id])), labelled=True)
         squares.append((truth[0] - filter.mean[0]) ** 2 / filter.belief.covariance[0, 0])
     assert low < np.mean(squares) < high
 

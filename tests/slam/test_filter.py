@@ -185,16 +185,6 @@ def test_an_ambiguous_detection_waits_unless_its_id_or_its_looks_decide() -> Non
         assert match(belief, pixels, ids=1, log_ratios=ratios)[0] == expected
 
 
-@pytest.mark.parametrize("separation_px, found", [(7.9, [REJECTED] * 2), (8.1, [1, 2])])
-def test_what_is_predicted_side_by_side_waits_however_clear_it_seems(separation_px: float, found: list[int]) -> None:
-    """Two detections 16 px apart are clear; but as clear is the noise that pulls apart what stands together."""
-    belief, z = two_points(separation_px)
-    apart = z + np.outer((0.5, -0.5), (z[0] - z[1]) / separation_px * 8.0)
-    matched, waits = match(belief, apart)
-    assert matched == found and waits.all() == (found[0] == REJECTED)
-    assert match(belief, apart, ids=[1, 2])[0] == [1, 2]  # where ids tell them apart
-
-
 def test_an_id_restricts_but_does_not_command() -> None:
     """Where it is not, or where there is no such prediction, a detection with an id is nothing that is known."""
     belief, z = two_points()
@@ -225,19 +215,6 @@ def a_ray():
 def follow(belief, detections, labelled: bool = False):
     follow_rays(CAMERA, MODEL.particles, belief, NO_BOXES, detections, labelled)
     return detections["match"].tolist()
-
-
-def test_a_ray_is_matched_along_its_particles_and_knows_ids_appearance_and_noise() -> None:
-    belief, pixel = a_ray()
-    detections = detections_at(np.stack((pixel, pixel, pixel + 150.0)))
-    detections["match"] = REJECTED, NEW, NEW
-    assert follow(belief, detections) == [REJECTED, 1, NEW]
-    belief, pixel = a_ray()
-    twice, aside = np.stack((pixel, pixel)), np.stack((pixel + 40.0,))
-    assert follow(belief, detections_at(twice, ids=[2, 1])) == [NEW, 1]
-    assert follow(belief, detections_at(twice, log_ratios=[0.0, 1.0])) == [REJECTED, 1]
-    assert follow(belief, detections_at(aside)) == [NEW]
-    assert follow(belief, detections_at(aside, R=400.0 * R_PAPER)) == [1]
 
 
 def test_a_labelled_ray_is_weighed_by_its_own_detection_alone() -> None:
@@ -291,7 +268,7 @@ def test_a_contact_leaves_open_how_much_of_the_speed_is_left() -> None:
 
 
 @pytest.mark.parametrize("initialisation, kind", [(BY_INVERSE_DEPTH, INVERSE_DEPTH), ("depth_particles", RAY)])
-def test_a_feature_is_born_at_the_third_consecutive_detection(initialisation: str, kind: int) -> None:
+def test_a_feature_is_initialised_at_the_third_consecutive_detection(initialisation: str, kind: int) -> None:
     scenario, there = replace(PAPER, initialisation=initialisation), [[100.0, 100.0]]
     interrupted, belief = still_belief(scenario), still_belief(scenario)
     assert sum(frame(interrupted, pixels, scenario).initialised for pixels in (there, there, [], there, there)) == 0
@@ -301,7 +278,7 @@ def test_a_feature_is_born_at_the_third_consecutive_detection(initialisation: st
 
 
 @pytest.mark.parametrize("kind, kept", [(INVERSE_DEPTH, False), (POINT, True)])
-def test_a_feature_out_of_sight_is_forgotten_if_it_is_no_point(kind: int, kept: bool) -> None:
+def test_a_feature_out_of_sight_is_deleted_if_it_is_no_point(kind: int, kept: bool) -> None:
     belief = still_belief()
     frames = round(PAPER.inverse_depth_memory / PAPER.frame_time)
     for _ in range(5):
@@ -314,7 +291,7 @@ def test_a_feature_out_of_sight_is_forgotten_if_it_is_no_point(kind: int, kept: 
     assert belief.state.count == int(kept)
 
 
-def test_a_full_map_gives_no_birth_and_what_a_known_box_hides_is_not_expected() -> None:
+def test_a_full_map_initialises_nothing_and_what_a_known_box_hides_is_not_expected() -> None:
     belief = still_belief()
     grid = [[20.0 + 24.0 * i, 20.0 + 28.0 * j] for i in range(12) for j in range(8)]
     for _ in range(5):

@@ -165,21 +165,21 @@ def conversion(kind: int, rng: np.random.Generator) -> Case:
 def new_feature_by_camera(rng: np.random.Generator) -> Case:
     """dy/dx of an initialisation, read off the cross-covariance: P_yx = J P_xx."""
     x, pixel, P_xx = random_camera(rng), rng.uniform([20, 20], [300, 220]), support.random_spd(rng, [0.1] * 12)
-    P = joint_covariance(born(x, pixel, P_xx))
-    return Case(lambda e: born_mean(moved(x, e), pixel), P[12:, :12] @ np.linalg.inv(P_xx))
+    P = joint_covariance(initialised(x, pixel, P_xx))
+    return Case(lambda e: new_mean(moved(x, e), pixel), P[12:, :12] @ np.linalg.inv(P_xx))
 
 
 def new_feature_by_pixel(rng: np.random.Generator) -> Case:
     """What an initialisation adds of its own is J_z R J_z^T in the angles, with the pixel's own R, and sigma_rho^2."""
     x, pixel, R = random_camera(rng), rng.uniform([20, 20], [300, 220]), support.random_spd(rng, [2.0, 5.0])
-    Q = joint_covariance(born(x, pixel, np.zeros((12, 12)), R))[12:, 12:]
-    J_z = numerical_jacobian(lambda e: born_mean(x, pixel + e), 2, 0.1)
+    Q = joint_covariance(initialised(x, pixel, np.zeros((12, 12)), R))[12:, 12:]
+    J_z = numerical_jacobian(lambda e: new_mean(x, pixel + e), 2, 0.1)
     np.testing.assert_allclose(Q[5, 5], PAPER.inverse_depth_std**2)
     Q[5, 5] = 0.0
     return Case(lambda e: J_z @ R @ J_z.T @ e, Q)
 
 
-def born(x: np.ndarray, pixel: np.ndarray, P_xx: np.ndarray, R: np.ndarray = R_PAPER):
+def initialised(x: np.ndarray, pixel: np.ndarray, P_xx: np.ndarray, R: np.ndarray = R_PAPER):
     belief, model = support.prior_belief(), filter_of(PAPER)
     belief.state.camera[:] = x
     belief.covariance[:12, :12] = P_xx
@@ -187,8 +187,8 @@ def born(x: np.ndarray, pixel: np.ndarray, P_xx: np.ndarray, R: np.ndarray = R_P
     return belief
 
 
-def born_mean(x: np.ndarray, pixel: np.ndarray) -> np.ndarray:
-    return born(x, pixel, np.zeros((12, 12))).feature[0].mean
+def new_mean(x: np.ndarray, pixel: np.ndarray) -> np.ndarray:
+    return initialised(x, pixel, np.zeros((12, 12))).feature[0].mean
 
 
 CASES = [f for f in vars().copy().values() if isfunction(f) and [*f.__annotations__] == ["rng", "return"]]

@@ -15,7 +15,6 @@ from activeslam_gym import SCENARIOS
 from activeslam_gym.camera import camera_point, pixel_from_camera_point
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.motion import QUATERNION, Gaze, Motion
-from activeslam_gym.vision.settings import SIGHTED
 
 pytest.importorskip("cv2")
 
@@ -121,19 +120,6 @@ def test_without_opencv_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(ModuleNotFoundError, match=r"pip install -e '\.\[vision\]'"):
         gym.make(NAME)
-
-
-def test_the_biases_of_the_target_are_learned_until_it_is_seen_otherwise() -> None:
-    env = gym.make(NAME, gaze_period=0.05, motion_period=0.05)
-    env.reset(seed=4)
-    filter = env.unwrapped._perceptions[0]._filter
-    var = []
-    for action in [(Motion.STAY, Gaze.STAY)] * 30 + [(Motion.STAY, Gaze.LEFT)] * 14:
-        env.step(action)
-        var.append(np.trace(filter.belief.covariance[12:20, 12:20]) / 8.0)
-    first = SIGHTED.fiducial_bias_std**2
-    assert var[0] < first and var[29] < 0.8 * first
-    assert max(np.diff(var[10:30])) < 0.0 < max(np.diff(var[30:])), "after 0.1 rad it is redrawn"
 
 
 def test_slots_of_the_score_are_the_scene_points_of_their_features(played) -> None:

@@ -11,12 +11,24 @@ from activeslam_gym.geometry import quaternion_exp, rotate_left, rotation_error,
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.detection import DETECTION, NEW
 from activeslam_gym.vision.diagnosis import Diagnosis, blemish
-from activeslam_gym.vision.frontend import FrameLog, FrontEndSettings
+from activeslam_gym.vision.drawing import as_first_seen
+from activeslam_gym.vision.frontend import FrameLog, FrontEnd, FrontEndSettings
 from activeslam_gym.vision.recovery import Restart, locate
-from activeslam_gym.vision.target import target_from
+from activeslam_gym.vision.target import Board, target_from
 from activeslam_gym.vision.track import Track, follow, start
 from activeslam_gym.vision.views import projected
-from tests.vision_scene import CAMERA, LENS, TARGET, image_from, path, pose_at, target_fields
+from tests.vision_scene import (
+    CAMERA,
+    CHARUCO,
+    LENS,
+    TARGET,
+    begun,
+    board_on_the_plane,
+    image_from,
+    path,
+    pose_at,
+    target_fields,
+)
 
 SEEN, AWAY = 30, 10
 """Images before the camera is covered, and while it is."""
@@ -31,10 +43,10 @@ def images() -> list[np.ndarray]:
     return [image_from(pose, target=True, samples=2) for pose in POSES]
 
 
-def tracked(images: list[np.ndarray], **settings) -> Track:
-    """A track from the target on."""
-    frames = [(k / 30.0, image) for k, image in enumerate(images)]
-    return follow(frames, LENS, target_from(target_fields(POSES[0])), 30.0, FrontEndSettings(**settings))
+def tracked(images: list[np.ndarray], first: np.ndarray = POSES[0], **given) -> Track:
+    """A track from the target on, which is seen ``first`` from there; settings, or `watch`, are given."""
+    frames, watch = [(k / 30.0, image) for k, image in enumerate(images)], given.pop("watch", lambda *_: None)
+    return follow(frames, LENS, target_from(target_fields(first)), 30.0, FrontEndSettings(**given), watch=watch)
 
 
 def errors(done: Track, poses: list[np.ndarray]) -> np.ndarray:
@@ -111,7 +123,7 @@ def images_until_restart(belief: np.ndarray, noise: float, offset: Any = 0.0) ->
     return 200, None
 
 
-def test_the_mirrored_pose_is_given_up_for_the_true_one() -> None:
+def test_the_true_pose_replaces_the_mirrored_one() -> None:
     apart = projected(CAMERA, MIRRORED, CORNERS) - projected(CAMERA, TRUTH, CORNERS)
     assert np.linalg.norm(MIRRORED[:3] - TRUTH[:3]) > 0.4 and np.abs(apart).max() < 6 * STD, "they are much alike"
     n, instead = images_until_restart(MIRRORED, noise=0.03)
@@ -189,3 +201,52 @@ def test_a_remedy_is_suggested_where_it_may_help() -> None:
     assert "a target in the first image may help" in advice(IMAGE, target=False, **counts)
     assert "turning gives no depth" in advice(IMAGE, mapped=VAGUE, **counts)
     assert blemish(IMAGE) == ""
+
+
+# What a camera in a hand meets ----------------------------------------------------------------------------------------
+
+NEARER = [pose_at((0.03 * np.sin(0.2 * k), 0.0, 0.8 - 0.009 * k)) for k in range(60)]
+"""From 80 to 27 cm."""
+
+
+def matched_fiducials(images: list[np.ndarray], **settings) -> tuple[Track, list[set[int]]]:
+    """A track of these images from `NEARER`, and the fiducials that were matched in each."""
+    matched: list[set[int]] = []
+
+    def watch(end: FrontEnd, *_) -> None:
+        matched.append({int(id) for id in end.candidates["match"] if -4 <= id < 0})
+
+    return tracked(images, NEARER[0], watch=watch, **settings), matched
+
+
+def test_a_target_is_found_at_a_third_of_its_first_distance() -> None:
+    images = [image_from(pose, target=True, samples=2) for pose in NEARER]
+    done, matched = matched_fiducials(images)
+    assert all(len(one) >= 3 for one in matched[-8:]), matched[-8:]
+    assert errors(done, NEARER)[-8:].max() < 0.003
+    as_at_first = matched_fiducials(images, redrawn=np.inf)[1]
+    assert not any(as_at_first[-5:]), "its first looks do not do there"
+
+
+@pytest.mark.parametrize("target", [TARGET, target_from(CHARUCO)], ids=["rectangle", "board"])
+def test_a_target_looks_as_it_is_drawn_from_elsewhere(target) -> None:
+    first, now = pose_at((0.02, 0.0, 0.6)), pose_at((-0.06, 0.03, 0.33), (0.1, -0.2, 0.2))
+    fiducials = target.fiducials if target is TARGET else target.points
+    image = board_on_the_plane(target, now) if isinstance(target, Board) else image_from(now, target=True)
+    for k, expected in enumerate(projected(CAMERA, now, fiducials)):
+        picture, pixel = as_first_seen(CAMERA, target, first, fiducials, now, k)
+        np.testing.assert_allclose(pixel, expected, atol=1e-9)
+        known = np.isfinite(picture)
+        assert known.any() and not known.all()
+        assert np.corrcoef(picture[known], image[known])[0, 1] > 0.99
+
+
+def test_where_nothing_known_is_in_view_new_features_are_initialised() -> None:
+    *poses, last = path(21, 0.4)
+    end = begun(image_from(poses[0], samples=2))
+    for k, pose in enumerate(poses[1:], 1):
+        end.step(image_from(pose, samples=2), k / 30.0)
+    for id in end.filter.ids.tolist():
+        end._forget(id)
+    logs = [end.step(image_from(last, samples=2), (20 + k) / 30.0) for k in range(3)]
+    assert logs[0].searched == 0 and sum(log.initialised for log in logs) > 0

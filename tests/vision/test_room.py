@@ -17,11 +17,10 @@ from activeslam_gym.slam.detection import DETECTION
 from activeslam_gym.vision.room import scene as scene_module
 from activeslam_gym.vision.room.camera import FollowedPoints, RoomCamera, target_seen
 from activeslam_gym.vision.room.geometry import Scene, scene_point
-from activeslam_gym.vision.room.lens import TILE, TILE_HEIGHT, TILE_WIDTH, Lens, lens_of
+from activeslam_gym.vision.room.lens import TILE, Lens, lens_of
 from activeslam_gym.vision.room.render import Sensor, render, workspace_of
 from activeslam_gym.vision.room.scene import draw_scene
 from activeslam_gym.vision.room.shading import SIZE
-from activeslam_gym.vision.room.textures import write_pyramid
 from activeslam_gym.vision.search import SEARCH, Findings, search
 from activeslam_gym.vision.settings import FrontEndSettings
 from activeslam_gym.vision.templates import Templates, empty_templates, store
@@ -179,18 +178,6 @@ def found_at(x: np.ndarray, templates: Templates, points: np.ndarray, image: np.
     return search(view_from(CAMERA, x), model, templates, image.astype(np.float32), places, points, guess, S)
 
 
-def test_a_pattern_finer_than_the_pixels_is_grey() -> None:
-    scene = room(0)
-    check = np.indices((SIZE, SIZE)).sum(0) % 2 * 200.0
-    textures = np.zeros((1, 2 * SIZE, SIZE), np.uint32)
-    write_pyramid(check, textures[0])
-    surfaces = scene.surfaces[-6:].copy()  # the bare room
-    surfaces["texture"], surfaces["brightness"], surfaces["owner"] = 0, 1.0, 0
-    surfaces["texels"] *= 1.5
-    image = photograph(Scene(surfaces, scene.boxes[:0], scene.target, textures), state(turn=(0.0, 0.3, 0.0)))
-    assert 95 <= image.mean() <= 105 and image[60:180].std() < 6.0
-
-
 @pytest.mark.parametrize("tilt", [1e-7, 1e-9, 1e-11])
 def test_a_plane_whose_horizon_is_in_a_pixel_does_not_spoil_the_picture(tilt: float) -> None:
     """There a pixel is as long as the plane is: squares of its size on the texture once left 32 bits."""
@@ -214,24 +201,6 @@ def test_a_picture_depends_on_its_arguments_alone() -> None:
             assert np.array_equal(mine, theirs)
     assert not np.array_equal(alone[0], photograph(scene, states[0], Sensor(), 7))
     assert not np.array_equal(alone[0], photograph(scene, states[0], Sensor(), 0, np.array([12], np.uint64)))
-
-
-def test_blur_is_as_long_as_the_picture_moves() -> None:
-    x = state((0.2, 0.1, -0.3), (0.1, 0.4, 0.05), (0.7, -0.4, 0.5), (0.3, -0.5, 0.4))
-    work, exposure = workspace_of(room(0), lens()), 0.02
-    photograph(room(0), x, Sensor(exposure), work=work)
-    for tile in range(0, 600, 7):
-        middle = np.array([tile % 20 * TILE_WIDTH + 7.5, tile // 20 * TILE_HEIGHT + 3.5])
-        point, surface = shown(room(0), x, middle)
-        around = np.array([[4.0, 0], [-4, 0], [0, 4], [0, -4]])
-        if {shown(room(0), x, middle + step)[1] for step in around} == {surface}:
-            ends = []
-            for sign in (-0.5, 0.5):
-                y = x.copy()
-                y[:3] += sign * exposure * x[7:10]
-                y[3:7] = rotate_left(sign * exposure * x[10:13], x[3:7])
-                ends.append(projection(y, point))
-            assert work.flows[tile] == pytest.approx(ends[1] - ends[0], abs=0.15)
 
 
 def test_the_lens_is_free() -> None:

@@ -9,7 +9,7 @@ from activeslam_gym.kernels import filled
 from activeslam_gym.slam.detection import DETECTION
 from activeslam_gym.slam.sight import PREDICTED, Sight
 from activeslam_gym.vision.corners import new_corners
-from activeslam_gym.vision.search import FOUND, MISSING, SEARCH, UNSEARCHED, Findings, search
+from activeslam_gym.vision.search import FOUND, SEARCH, Findings, search
 from activeslam_gym.vision.settings import FrontEndSettings
 from activeslam_gym.vision.target import target_from
 from activeslam_gym.vision.templates import TEMPLATE_SIDE, TemplateMap, empty_templates, predict_appearance, store
@@ -82,13 +82,6 @@ def test_the_plane_of_a_feature_is_learned_from_other_views(pixel) -> None:
     assert angles[0] > 20.0 and angles[-1] < 3.0, angles
 
 
-def test_absent_features_are_missing_and_those_beyond_the_border_are_not_searched() -> None:
-    pixel, empty = np.array((160.0, 120.0)), np.full((240, 320), 90)
-    templates, point = stored(pixel, image_from(FIRST))
-    for z, state in ((pixel, MISSING), (np.array((3.0, 120.0)), UNSEARCHED)):
-        assert searched(FIRST, templates, point, empty, z, 4.0).state[0] == state
-
-
 @pytest.mark.parametrize(("area", "found"), [(20000.0, True), (500.0, False)])
 def test_of_a_large_ellipse_the_middle_is_searched(area: float, found: bool) -> None:
     """The feature is 15 px beside its prediction, whose ellipse has 14 800 px^2."""
@@ -98,16 +91,6 @@ def test_of_a_large_ellipse_the_middle_is_searched(area: float, found: bool) -> 
     view, places = view_from(CAMERA, FIRST), np.array([0])
     out = search(view, model, templates, image.astype(np.float32), places, point[None], pixel[None] + (15.0, 0.0), S)
     assert (out.state[0] == FOUND and np.abs(out.pixel[0, 0] - pixel).max() < 0.1) == found
-
-
-def test_new_corners_keep_their_distance_and_go_where_there_are_few() -> None:
-    left = np.array([(x, y) for x in (40.0, 80.0, 120.0) for y in (40.0, 100.0, 160.0, 200.0)])
-    found = new_corners(image_from(FIRST), left, 6, 15.0, 15, 1e-4)
-    assert len(found) == 6 and (found[:, 0] > 128).all()
-    both = np.vstack((left, found))
-    apart = np.abs(both[:, None] - both[None]).max(axis=-1) + 1e3 * np.eye(len(both))
-    assert apart.min() >= 14.0
-    assert new_corners(np.full((240, 320), 90, np.uint8), left, 6, 15.0, 15, 1e-4).shape == (0, 2)
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.4, 1.1])

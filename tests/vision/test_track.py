@@ -19,7 +19,7 @@ cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 from activeslam_gym.__main__ import main, parser
 from activeslam_gym.geometry import rotation_error
 from activeslam_gym.vision.calibration import read_calibration
-from activeslam_gym.vision.first_sight import refine_corners, start_pose
+from activeslam_gym.vision.first_sight import start_pose
 from activeslam_gym.vision.settings import scale_of
 from activeslam_gym.vision.sources import images_of
 from activeslam_gym.vision.target import read_target
@@ -44,13 +44,6 @@ def test_the_start_covariance_covers_the_errors_of_noisy_corners() -> None:
         error = np.concatenate((truth[:3] - pose[:3], rotation_error(truth[3:], pose[3:])))
         nees.append(error @ np.linalg.solve(covariance, error))
     assert 4.0 < np.median(nees) < 7.5  # chi-square of 6 dof: 5.35
-
-
-@pytest.mark.parametrize("pose", POSES)
-def test_corners_are_refined_below_the_pixel(pose) -> None:
-    truth = corners_from(pose)
-    found = refine_corners(image_from(pose, target=True, samples=8), CAMERA, np.rint(truth) + (1.0, -1.0))
-    assert np.abs(found - truth).max() < 0.15  # the picture has 256 grey levels, and the texture an edge of its own
 
 
 def write(path: Path, image: np.ndarray) -> None:

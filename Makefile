@@ -49,12 +49,13 @@ learners: $(VENV)/.agents ## train five seeds of each learner again (an hour and
 		cp results/learners/$$name/policy.$$suffix agents/suite/entries/$${name%-*}-default/policy-$${name#*-}.$$suffix || exit 1; \
 	done; done
 
-curves: $(VENV)/.agents ## learning curves in office, and how much is left there and in corner (an hour): docs/policies.md
-	for seed in 0 1 2; do \
+curves: $(VENV)/.agents ## learning curves in office, and how much is left there and in corner (two hours): docs/policies.md
+	for seed in 0 1 2 3 4; do \
 		$(RUN) -m agents train --recipe quick --scenario office --seed $$seed --test-episodes 0 --out results/curves/quick-$$seed || exit 1; \
 		$(RUN) -m agents train --recipe quick --initial generalist --learning-rate 3e-4 --entropy-bonus 0.002 \
 			--scenario office --seed $$seed --test-episodes 0 --out results/curves/initial-$$seed || exit 1; \
 	done
+	$(RUN) -m agents train --recipe full --scenario office --seed 0 --test-episodes 0 --out results/curves/full-0
 	$(RUN) -m studies.learning --folders results/curves/*-? --jobs $(WORKERS) --out results/curves --report docs/policies.md
 	$(RUN) -m studies.upper_reference --jobs $(WORKERS) --out results/curves --report docs/policies.md
 

@@ -101,6 +101,16 @@ def test_a_concave_face_is_refused_and_a_convex_one_is_not(tmp_path: Path) -> No
     MeshFactory(with_polygons(flat(), corners[::-1], tmp_path / "from_below.obj"))(Scenario(), None)
 
 
+def test_faces_that_count_backwards_before_other_corners_are_refused(tmp_path: Path) -> None:
+    """`findings/trimesh_counts_back_from_the_last_vertex.sh`."""
+    whole = Path(with_polygons(flat(), [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)], tmp_path / "last.obj"))
+    MeshFactory(str(whole))(Scenario(), None)  # nothing follows its face of -3 -2 -1
+    followed = tmp_path / "followed.obj"
+    followed.write_text(whole.read_text() + "\nv 0 0 0\n")
+    with pytest.raises(ValueError, match="count corners backwards"):
+        MeshFactory(str(followed))(Scenario(), None)
+
+
 def test_axes_and_unit_are_options(tmp_path: Path) -> None:
     plain = MeshFactory(saved(flat(), tmp_path))(Scenario(), None)
     turned = flat().apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2.0, (1.0, 0.0, 0.0)))

@@ -12,6 +12,7 @@ PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
 GENERATED = re.compile(r"<!-- generated: (.*?) -->.*?<!-- end: \1 -->", re.DOTALL)
 FIRST_READ = ("README.md", "docs/index.md", "docs/start.md", "docs/tutorial.md", "docs/concepts.md")
 LONGEST_SENTENCE = 25
+LONGEST_LINE = 100  # of Markdown, beside tables and code
 MOST_NUMBERS = 2  # in a sentence of the pages that come first
 LEAST_EASE = 50  # Flesch's reading ease of these pages
 MOST_WORDS = {"README.md": 900, "CHANGELOG.md": 600, "RESULTS.md": 1500, "docs/notes.md": 2000}
@@ -131,6 +132,13 @@ def test_pages_are_short() -> None:
     words = {name(page): len(prose(page).split()) for page in PAGES}
     assert not {page: words[page] for page, most in MOST_WORDS.items() if words[page] > most}
     assert sum(count for page, count in words.items() if page.startswith("docs/")) <= MANUAL
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if page.stem != "worth"], ids=name)
+def test_lines_are_short(page: Path) -> None:
+    """Beside tables."""
+    lines = [line for line in written(page).splitlines() if not line.lstrip().startswith("|")]
+    assert not [line for line in lines if len(line) > LONGEST_LINE]
 
 
 @pytest.mark.parametrize("page", ("README.md", "docs/tutorial.md", "docs/concepts.md"))

@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from activeslam_gym.motion import COMMANDS, GAZE_COUNT, MOTION_COUNT, nearest_motion
+from activeslam_gym.motion import COMMANDS, GAZE_COUNT, MOTION_COUNT
 
 
 @dataclass(frozen=True)
@@ -88,22 +88,6 @@ POINTS = Encoding(
     _within_a_step,
 )  # fmt: skip
 """Of `ActiveSLAMContinuous-v0`: a displacement in steps, camera axes, and a share of the turn rate."""
-
-
-def action_masks(space: spaces.Space[Any], commands: np.ndarray, phases: np.ndarray) -> np.ndarray:
-    """The choices that can make a difference, bool (B, 7 + 3), motions first, or (B, 21) in a discrete ``space``.
-
-    Where ``phases`` (B,) is 0 a motion is about to be read and all may be chosen; elsewhere the motion of an action is
-    ignored, and of the seven the one under way, of the ``commands`` (B, 4), is left. An AttributeError where actions
-    are continuous.
-    """
-    if isinstance(space, spaces.Box):
-        raise AttributeError("continuous actions have no masks")
-    under_way = np.array([nearest_motion(command) for command in commands])
-    motions = (phases == 0)[:, None] | (np.arange(MOTION_COUNT) == under_way[:, None])
-    if isinstance(space, spaces.Discrete):
-        return np.repeat(motions, GAZE_COUNT, axis=1)
-    return np.hstack((motions, np.ones((len(motions), GAZE_COUNT), bool)))
 
 
 def checked_options(options: dict[str, Any] | None, *known: str) -> dict[str, Any]:

@@ -4,8 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from activeslam_gym.config import Scenario
-from activeslam_gym.envs.actions import PAIRS, Encoding, action_masks
+from activeslam_gym.envs.actions import INDICES, PAIRS, Encoding
 from activeslam_gym.envs.evaluation import give_reward, landmark_errors
 from activeslam_gym.envs.observation import context_of
 from activeslam_gym.envs.perception import Perception, PointPerception, PythonPerception, step_runs_in_python
@@ -14,17 +13,12 @@ from activeslam_gym.envs.run import Run, complete
 from activeslam_gym.envs.setting import Setting
 from activeslam_gym.envs.step import REST, STEP, step_runs
 from activeslam_gym.kernels import row, uncompiled
-from activeslam_gym.motion import POSITION
+from activeslam_gym.motion import GAZE_COUNT, MOTION_COUNT, POSITION, nearest_motion
 from activeslam_gym.registry import FOREIGN, number_from
 from activeslam_gym.sensors.sensor import CORNERS, IMAGES, POINTS, TEXTURED
 from activeslam_gym.slam.estimate import COMPILED
 from activeslam_gym.threads import Workers
 from activeslam_gym.world.scenes import Scene
-
-
-def is_compiled(scenario: Scenario) -> bool:
-    """Whether whole steps run in one kernel."""
-    return scenario.sensor == POINTS and scenario.estimator in COMPILED and not scenario.has_foreign_scene
 
 
 def perception_of(setting: Setting, run: Run, start: Start, key: int) -> Perception:
@@ -63,7 +57,9 @@ class Runs:
         """Steps in a motion period."""
         self.lost_position_error = float(task.lost_position_error)
         """Error of the position from which on a run is lost [m]."""
-        self._runs, self._workers, self._compiled = runs, workers, is_compiled(setting.scenario)
+        self._runs, self._workers = runs, workers
+        in_python = setting.scenario.sensor != POINTS or setting.scenario.has_foreign_scene
+        self._compiled = setting.scenario.estimator in COMPILED and not in_python  # a step is one kernel
         self._foreign_reward = int(task.reward) == FOREIGN  # a field of a record is slow to read
         self._end_when_lost = bool(task.end_when_lost)
         count = len(runs.episode)
@@ -136,14 +132,20 @@ class Runs:
     def action_masks(self) -> np.ndarray:
         """(10,) bool, motions and then gazes (discrete: (21,)): false for a motion that the next step would ignore.
 
-        Sb3-contrib's `MaskablePPO` reads it.
+        Where a motion is not read, only the one under way is true. Sb3-contrib's `MaskablePPO` asks for it.
 
         Raises:
             AttributeError: the actions are continuous.
         """
+        if not self._encoding.whole:
+            raise AttributeError("continuous actions have no masks")
         episode = self._runs.episode
-        phases = episode["steps"] % self.steps_per_motion
-        return self._given(action_masks(self._encoding.space(), episode["control"]["command"], phases))
+        reads = episode["steps"] % self.steps_per_motion == 0
+        under_way = np.array([nearest_motion(command) for command in episode["control"]["command"]])
+        motions = reads[:, None] | (np.arange(MOTION_COUNT) == under_way[:, None])
+        if self._encoding is INDICES:
+            return self._given(np.repeat(motions, GAZE_COUNT, axis=1))
+        return self._given(np.hstack((motions, np.ones((len(motions), GAZE_COUNT), bool))))
 
     @property
     def context(self) -> Any:

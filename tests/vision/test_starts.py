@@ -308,16 +308,6 @@ def problem() -> tuple[Bundle, Geometry]:
     return Bundle(z, np.full((4, 9), 1e-4)), truth
 
 
-def test_the_gradient_of_the_adjustment_is_that_of_its_cost(problem) -> None:
-    bundle, x = problem
-    _, g = bundle.normal_equations(x)
-    kept = np.setdiff1d(np.arange(len(g)), np.arange(18 + 2, len(g), 3))  # others change the unit
-    for i in kept:
-        step = 1e-7 * np.eye(len(g))[i]
-        slope = (bundle.cost(x.moved(step)) - bundle.cost(x.moved(-step))) / 4e-7
-        assert abs(slope - g[i]) < 1e-4 * np.abs(g).max()
-
-
 def test_the_adjustment_is_that_of_scipy(problem) -> None:
     """Whose `least_squares`, by sparse differences, takes over fifteen times as long for a start."""
     bundle, truth = problem

@@ -135,9 +135,9 @@ def make_learner(
 ) -> Any:
     """A learner in the first episodes that are trained in, new or with ``weights``.
 
-    PPO's rollout is one episode of every environment. Raises ValueError for weights of another network.
+    PPO's rollout is `Recipe.rollout_steps` of every environment. Raises ValueError for weights of another network.
     """
-    steps, entropy, several = recipe.steps_per_episode, {"ent_coef": recipe.entropy_bonus}, len(recipe.scenarios) > 1
+    steps, entropy, several = recipe.rollout_steps, {"ent_coef": recipe.entropy_bonus}, len(recipe.scenarios) > 1
     rollout: dict[str, Any] = {"n_steps": steps, "batch_size": minibatch(steps * env.num_envs), "gae_lambda": 0.95}
     if several:
         buffer = {"scenarios": len(recipe.scenarios)}

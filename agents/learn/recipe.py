@@ -16,6 +16,7 @@ EVERY = "all"
 REPLICATIONS = ("paper-literal", "paper-2006")
 """Named scenarios that are not among all: they repeat the paper's numbers."""
 LEAST = 1e-12  # of a number that must be positive
+ROLLOUT = 1024  # decisions of a scenario between two updates of PPO, or an episode of each environment if that is less
 ALGORITHMS: tuple[Algorithm, ...] = get_args(Algorithm)
 
 
@@ -89,7 +90,7 @@ class Recipe:
         for scenario in map(scenario_of, self.scenarios):
             whole_multiple("decision_period", self.decision_period, "the frame", scenario.frame_time)
             whole_multiple("duration", self.duration or scenario.duration, "decision_period", self.decision_period)
-        if self.algorithm == "ppo" and self.steps_per_episode * self.num_envs == 1:
+        if self.algorithm == "ppo" and self.rollout_steps * self.num_envs == 1:
             raise ValueError(f"num_envs: {self.num_envs} with one decision an episode; allowed: 2 or more of them")
         if self.initial and self.algorithm in ("dqn", "sac"):
             raise ValueError(f"initial: {self.initial!r} for {self.algorithm}; allowed: ppo or a2c")
@@ -103,10 +104,13 @@ class Recipe:
         return every if self.scenario == EVERY else tuple(self.scenario.split("+"))
 
     @property
-    def steps_per_episode(self) -> int:
-        """Decisions of a whole episode, of several scenarios in the median."""
+    def rollout_steps(self) -> int:
+        """Decisions of each environment between two updates of PPO: so many make `ROLLOUT`, an episode at most.
+
+        Of several scenarios, the episode is the median one.
+        """
         durations = [self.duration or scenario_of(name).duration for name in self.scenarios]
-        return round(statistics.median(durations) / self.decision_period)
+        return max(1, min(round(statistics.median(durations) / self.decision_period), ROLLOUT // self.num_envs))
 
 
 QUICK: dict[str, Any] = {

@@ -14,15 +14,15 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.spatial.transform import Rotation
 
-from activeslam_gym.camera import View, camera_point, pixel_from_camera_point, ray_from_pixel
-from activeslam_gym.geometry import rotation_error, rotation_matrix
+from activeslam_gym.camera import View, ray_from_pixel
+from activeslam_gym.geometry import rotation_error
 from activeslam_gym.kernels import Record, compiled
 from activeslam_gym.motion import QUATERNION
 from activeslam_gym.slam.sight import POSE_DIM
 from activeslam_gym.vision.first_sight import start_pose
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.templates import TEMPLATE_HALF, TEMPLATE_SIDE, Templates, predict_appearance
-from activeslam_gym.vision.views import pose_of
+from activeslam_gym.vision.views import pixels_of, pose_of
 
 _TOLERANCE = 4.0  # a pixel that is farther from its prediction does not support a pose [px]
 _TRIALS = 200  # poses that are tried
@@ -136,15 +136,9 @@ class Restart:
         return camera, around
 
 
-@compiled
 def _mean_nis(camera: Record, pose: np.ndarray, points: np.ndarray, pixels: np.ndarray, R: np.ndarray) -> float:
     """Mean over n points of r^T R^-1 r / 2, r the ``pixels`` (n, 2) less those of the ``points`` (n, 3) from ``pose``
     (>= 7,); ``R`` (n, 2, 2). Infinite where one is behind the camera."""
-    R_WC, z, total = rotation_matrix(pose[QUATERNION]), np.empty(2), 0.0
-    for k in range(points.shape[0]):
-        if not pixel_from_camera_point(camera, camera_point(R_WC, pose, points[k]), z):
-            return np.inf
-        u, v, cov = pixels[k, 0] - z[0], pixels[k, 1] - z[1], R[k]
-        square = cov[1, 1] * u * u - 2.0 * cov[0, 1] * u * v + cov[0, 0] * v * v
-        total += 0.5 * square / (cov[0, 0] * cov[1, 1] - cov[0, 1] * cov[0, 1])
-    return total / points.shape[0]
+    r = (pixels - pixels_of(camera, pose, points))[..., None]
+    square = 0.5 * float((r * np.linalg.solve(R, r)).sum()) / len(points)
+    return square if square == square else np.inf

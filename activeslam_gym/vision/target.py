@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from activeslam_gym.config import is_number
+from activeslam_gym.config import is_number, whole_number
 from activeslam_gym.vision.calibration import check_names, read_object
 from activeslam_gym.vision.opencv import opencv
 
@@ -136,13 +136,10 @@ def _rectangle_from(fields: dict[str, Any]) -> Rectangle:
 
 
 def _board_from(fields: dict[str, Any]) -> Board:
-    kind, columns, rows, name = (fields[name] for name in ("kind", "columns", "rows", "dictionary"))
-    kind, legacy = (CHARUCO, True) if kind == LEGACY else (kind, False)
+    kind, name, legacy = fields["kind"], fields["dictionary"], fields["kind"] == LEGACY
+    kind = CHARUCO if legacy else kind
     least = 3 if kind == CHARUCO else 1
-    for side in ("columns", "rows"):
-        value = fields[side]
-        if isinstance(value, bool) or not isinstance(value, int) or value < least:
-            raise ValueError(f"{side} must be a whole number of {least} or more, got {reprlib.repr(value)}")
+    columns, rows = (whole_number(side, fields[side], least) for side in ("columns", "rows"))
     if kind == CHARUCO:
         pitch, marker, needed = _metres(fields, "square"), _metres(fields, "marker"), columns * rows // 2
         if marker >= pitch:

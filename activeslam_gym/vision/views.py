@@ -49,16 +49,20 @@ def plane_points(camera: Record, pose: np.ndarray, x: np.ndarray, y: np.ndarray)
     return out
 
 
-def projected(camera: Record, pose: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(n, 2) pixels of the ``points`` (n, 3) [m] from ``pose`` (>= 7,).
+@compiled
+def pixels_of(camera: Record, pose: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(n, 2) the pixels of ``points`` (n, 3) [m] from ``pose`` (>= 7,); NaN of one behind the camera."""
+    R_WC, out = rotation_matrix(pose[QUATERNION]), np.full((points.shape[0], 2), np.nan)
+    for k in range(points.shape[0]):
+        if not pixel_from_camera_point(camera, camera_point(R_WC, pose, points[k]), out[k]):
+            out[k] = np.nan
+    return out
 
-    Raises:
-        ValueError: one is behind the camera.
-    """
-    R_WC, out = rotation_matrix(pose[3:7]), np.empty((len(points), 2))
-    for z, point in zip(out, points):
-        if not pixel_from_camera_point(camera, camera_point(R_WC, pose, point), z):
-            raise ValueError("a corner of the target is behind the camera")
+
+def projected(camera: Record, pose: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """The same; a ValueError, if one is behind the camera."""
+    if np.isnan(out := pixels_of(camera, pose, points)).any():
+        raise ValueError("a corner of the target is behind the camera")
     return out
 
 
@@ -66,13 +70,11 @@ def projected(camera: Record, pose: np.ndarray, points: np.ndarray) -> np.ndarra
 def speeds(camera: Record, mean: np.ndarray, points: np.ndarray) -> np.ndarray:
     """(n,) how fast the ``points`` (n, 3) [m] move in the image of a camera with the ``mean`` (13,) [px/s]; 0 of one
     behind it."""
-    out, here, there = np.zeros(points.shape[0]), np.empty(2), np.empty(2)
-    after = transition(mean, np.zeros(6), _MOMENT)
-    R_here, R_there = rotation_matrix(mean[QUATERNION]), rotation_matrix(after[QUATERNION])
+    here, there = pixels_of(camera, mean, points), pixels_of(camera, transition(mean, np.zeros(6), _MOMENT), points)
+    out = np.empty(points.shape[0])
     for k in range(points.shape[0]):
-        p, q = camera_point(R_here, mean, points[k]), camera_point(R_there, after, points[k])
-        if pixel_from_camera_point(camera, p, here) and pixel_from_camera_point(camera, q, there):
-            out[k] = math.hypot(there[0] - here[0], there[1] - here[1]) / _MOMENT
+        speed = math.hypot(there[k, 0] - here[k, 0], there[k, 1] - here[k, 1]) / _MOMENT
+        out[k] = 0.0 if math.isnan(speed) else speed
     return out
 
 

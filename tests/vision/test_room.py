@@ -11,14 +11,14 @@ pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
 from activeslam_gym.camera import camera_of, ray_from_pixel
 from activeslam_gym.config import CENTRE, CORNER, SCENARIOS, WALL, NoRoomError, Scenario
-from activeslam_gym.geometry import quaternion_exp, rotate_left
+from activeslam_gym.geometry import quaternion_exp, rotate_left, rotation_matrix
 from activeslam_gym.kernels import filled
 from activeslam_gym.slam.detection import DETECTION
 from activeslam_gym.vision.room import scene as scene_module
 from activeslam_gym.vision.room.camera import FollowedPoints, RoomCamera, target_seen
-from activeslam_gym.vision.room.geometry import Scene, scene_point
+from activeslam_gym.vision.room.geometry import Scene
 from activeslam_gym.vision.room.lens import TILE, Lens, lens_of
-from activeslam_gym.vision.room.render import Sensor, render, workspace_of
+from activeslam_gym.vision.room.render import Sensor, render
 from activeslam_gym.vision.room.scene import draw_scene
 from activeslam_gym.vision.room.shading import SIZE
 from activeslam_gym.vision.search import SEARCH, Findings, search
@@ -54,21 +54,34 @@ def random_state(rng: np.random.Generator, reach: float = 1.0) -> np.ndarray:
     return x
 
 
-def photograph(scene: Scene, x: np.ndarray, sensor: Sensor = PLAIN, frame: int = 0, key=KEY, work=None) -> np.ndarray:
-    image = np.zeros((240, 320), np.uint8)
-    render(scene, lens(), sensor, x, frame, key, work or workspace_of(scene, lens()), image)
-    return image
+def photograph(scene: Scene, x: np.ndarray, sensor: Sensor = PLAIN, frame: int = 0, key=KEY) -> np.ndarray:
+    return render(scene, lens(), sensor, x, frame, key)
 
 
 def projection(x: np.ndarray, point: np.ndarray) -> np.ndarray:
     return projected(CAMERA, x, point[None])[0]
 
 
+def met(scene: Scene, x: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The scene points (m, 3) of ``pixels`` (m, 2) and their surfaces (m,): the nearest of all rectangles."""
+    rays = np.array([ray_from_pixel(CAMERA, pixel) for pixel in pixels]) @ rotation_matrix(x[3:7]).T
+    corner, normal, along, down = (scene.surfaces[name] for name in ("corner", "normal", "along", "down"))
+    height = ((x[:3] - corner) * normal).sum(axis=1)
+    depth = height / np.maximum(-(rays @ normal.T), 1e-12)
+    points = x[:3] + depth[..., None] * rays[:, None]
+    on = np.broadcast_to(height > 0.0, depth.shape)
+    for edge in (along, down):
+        share = ((points - corner) * edge).sum(axis=2) / (edge**2).sum(axis=1)
+        on = on & (share >= 0.0) & (share <= 1.0)
+    depth = np.where(on, depth, np.inf)
+    surface = (depth < depth.min(axis=1, keepdims=True) + 1e-9).argmax(axis=1)  # a poster is before its wall
+    return points[np.arange(len(pixels)), surface], surface
+
+
 def shown(scene: Scene, x: np.ndarray, pixel: np.ndarray) -> tuple[np.ndarray, int]:
     """The scene point of ``pixel`` and its surface."""
-    point, surface, hit = scene_point(scene, x, CAMERA, pixel)
-    assert hit and 0 <= surface < len(scene.surfaces)
-    return point, surface
+    points, surfaces = met(scene, x, pixel[None])
+    return points[0], int(surfaces[0])
 
 
 def height(scene: Scene, point: np.ndarray, surface: int) -> float:
@@ -82,16 +95,14 @@ def test_a_feature_is_on_the_ray_of_its_pixel_and_on_its_wall() -> None:
     image, rows, columns = camera.photograph(x, 0), *np.mgrid[-7:8, -7:8]
     for pixel in rng.integers((12, 12), (308, 228), (400, 2)).astype(float):
         point, surface = shown(camera.scene, x, pixel)
-        around = [shown(camera.scene, x, pixel + (i, j)) for i, j in zip(columns.ravel(), rows.ravel())]
-        distances = np.linalg.norm([other for other, _ in around], axis=1)
+        around, others = met(camera.scene, x, pixel + np.stack((columns.ravel(), rows.ravel()), axis=1))
+        distances = np.linalg.norm(around, axis=1)
         followed = camera.points(x, pixel, image)[0]
         np.testing.assert_allclose(np.cross(followed, point), 0.0, atol=1e-9, err_msg="it is on the pixel's ray")
         assert distances.min() - 1e-9 < np.linalg.norm(followed) < distances.max() + 1e-9
-        others = np.array([other for _, other in around]).reshape(15, 15)
-        planes = {tuple(camera.scene.surfaces[k]["normal"]) for k in np.unique(others)}
-        if (
-            len(planes) == 1 and np.ptp([height(camera.scene, point, k) for k in np.unique(others)]) < 1e-9
-        ):  # or a poster
+        if len(np.unique(camera.scene.surfaces["plane"][others])) == 1:  # or a poster
+            heights = [height(camera.scene, point, k) for k in np.unique(others)]
+            assert np.ptp(camera.scene.surfaces["normal"][others], axis=0).max() < 1e-9 and np.ptp(heights) < 1e-9
             np.testing.assert_allclose(followed, point, atol=1e-9)
             plain, hung = plain + 1, hung + (others != surface).any()
     assert plain > 150 and hung > 5, (plain, hung)
@@ -193,9 +204,8 @@ def test_a_picture_depends_on_its_arguments_alone() -> None:
     for x in states:
         x[7:] = rng.uniform(-1.0, 1.0, 6)
     alone = [photograph(scene, x, Sensor(), k) for k, x in enumerate(states)]
-    work = workspace_of(scene, lens())
-    for k in (3, 1, 5, 0, 2, 4, 4):  # in any order, in a workspace that was used before
-        assert np.array_equal(photograph(scene, states[k], Sensor(), k, work=work), alone[k])
+    for k in (3, 1, 5, 0, 2, 4, 4):  # in any order
+        assert np.array_equal(photograph(scene, states[k], Sensor(), k), alone[k])
     with ThreadPoolExecutor(3) as pool:
         for mine, theirs in zip(alone, pool.map(lambda k: photograph(scene, states[k], Sensor(), k), range(6))):
             assert np.array_equal(mine, theirs)
@@ -208,8 +218,8 @@ def test_the_lens_is_free() -> None:
         focal_px=150.0, principal_x_px=90.0, principal_y_px=70.0, distortion=0.0, image_width=180, image_height=130
     )  # no distortion, no whole number of tiles
     camera = camera_of(scenario)
-    own, image = lens_of(camera), np.zeros((130, 180), np.uint8)
-    render(room(0), own, PLAIN, state(), 0, KEY, workspace_of(room(0), own), image)
+    image = render(room(0), lens_of(camera), PLAIN, state(), 0, KEY)
+    assert image.shape == (130, 180)
     for u, v in projected(camera, state(), room(0).target).astype(int):
         assert image[v - 3 : v + 5, u - 3 : u + 5].std() > 25.0, "black meets white there"
 

@@ -11,11 +11,12 @@ from activeslam_gym.geometry import quaternion_product, rotation_matrix
 from activeslam_gym.kernels import Record
 from activeslam_gym.vision.drawing import printed_rectangle
 from activeslam_gym.vision.frontend import FrontEnd
-from activeslam_gym.vision.room.geometry import pixels_of, points_in_sight
+from activeslam_gym.vision.room.geometry import points_in_sight
 from activeslam_gym.vision.room.lens import lens_of
-from activeslam_gym.vision.room.render import Sensor, render, workspace_of
+from activeslam_gym.vision.room.render import Sensor, render
 from activeslam_gym.vision.room.scene import ORIGIN, SHEET_SIZE, TARGET_SIZE, draw_scene
 from activeslam_gym.vision.target import FACING, Rectangle
+from activeslam_gym.vision.views import pixels_of
 
 TARGET_CORNERS = 4  # fiducials of a room: the corners of its target
 _TARGET = Rectangle(*TARGET_SIZE, np.zeros((TARGET_CORNERS, 2)))
@@ -43,13 +44,10 @@ class RoomCamera:
         self.fiducials = self.scene.target
         self._sensor, self._lens = Sensor(), lens_of(lens, rays)
         self._key = noise.generate_state(1, np.uint64)
-        self._work = workspace_of(self.scene, self._lens)
 
     def photograph(self, state: np.ndarray, frame: int) -> np.ndarray:
         """The image (H, W) uint8 of ``frame`` from ``state`` (13,): position, quaternion, and their velocities."""
-        image = np.empty((int(self._lens.camera.height), int(self._lens.camera.width)), np.uint8)
-        render(self.scene, self._lens, self._sensor, state, frame, self._key, self._work, image)
-        return image
+        return render(self.scene, self._lens, self._sensor, state, frame, self._key)
 
     def points(self, state: np.ndarray, pixel: np.ndarray, image: np.ndarray) -> np.ndarray:
         """(m, 3) the scene points that a feature at ``pixel`` (2,) of the ``image`` from ``state`` may follow [m], the

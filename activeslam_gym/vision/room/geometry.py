@@ -15,15 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.camera import (
-    camera_point,
-    distance_between,
-    pixel_from_camera_point,
-    ray_from_pixel,
-    world_from_camera,
-)
+from activeslam_gym.camera import ray_from_pixel, world_from_camera
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.kernels import Record, borrowing, compiled, record
+from activeslam_gym.kernels import Record, compiled, record
 from activeslam_gym.motion import QUATERNION
 from activeslam_gym.vision.templates import TEMPLATE_HALF
 
@@ -33,17 +27,13 @@ SURFACE = record(
     down=("f8", 3),
     normal=("f8", 3),
     owner="i8",  # the number of a box, or of boxes for the room itself
+    plane="i8",  # the number of the first rectangle in its plane: a wall and its posters are in one
     texture="i8",
     texel=("f8", 2),  # at its corner
     texels=("f8", 2),  # how many it is long and high
     brightness="f8",  # the share of the light that it gets
 )
 """A rectangle and its texture."""
-_COPLANAR = 1e-9  # depths that differ by less [m] are equal: a poster's and its wall's
-
-_STEP = 0.05  # what is nearer than its surroundings by such a share is in front of them
-_LEAST = 0.05  # a plane that has a smaller share of a template is not followed
-_REACH = 4.0  # deviation of the Gaussian by which the contrast around a feature's pixel counts [px]
 
 
 class Scene(NamedTuple):
@@ -55,150 +45,12 @@ class Scene(NamedTuple):
     textures: np.ndarray  # the library that the surfaces refer to, see `texture_library`
 
 
-@compiled
-def scene_point(scene: Scene, state: np.ndarray, camera: Record, pixel: np.ndarray) -> tuple[np.ndarray, int, bool]:
-    """The scene point of the pixel (2,): (3,) [m] in the world, its surface, and whether there is one.
-
-    ``state`` begins with the camera's position and quaternion. The nearest of all rectangles, each tested in turn.
-    """
-    origin, R_WC = state[:3], rotation_matrix(state[QUATERNION])
-    ray = np.array(world_from_camera(R_WC, ray_from_pixel(camera, pixel)))
-    nearest, surface = math.inf, -1
-    for k in range(scene.surfaces.shape[0]):
-        depth = _depth_along(scene.surfaces[k], origin, ray)
-        if depth < nearest - _COPLANAR:
-            nearest, surface = depth, k
-    if surface < 0:
-        return np.zeros(3), surface, False
-    return origin + nearest * ray, surface, True
-
-
-@compiled
-def points_in_sight(
-    scene: Scene, state: np.ndarray, camera: Record, image: np.ndarray, pixel: np.ndarray
-) -> np.ndarray:
-    """(m, 3) the scene points that a template of ``image`` around ``pixel`` (2,) may follow, on the ray of the pixel:
-    one for each plane in it, first that of the plane with most contrast.
-
-    The contrast is that of the squared gradient, weighted by a Gaussian of the distance from the pixel. That of an edge
-    is what is in front's, and moves with it; but along the edge the template holds on to what is behind.
-    """
-    side, (h, w) = 2 * TEMPLATE_HALF + 1, image.shape
-    surface, depth = np.full((side, side), -1), np.full((side, side), np.inf)
-    for i in range(side):
-        for j in range(side):
-            at = pixel + np.array((j - TEMPLATE_HALF, i - TEMPLATE_HALF), np.float64)
-            point, surface[i, j], hit = scene_point(scene, state, camera, at)
-            if hit:
-                depth[i, j] = distance_between(state, point)
-    own = scene_point(scene, state, camera, pixel)[0]
-    plane = _planes_of(scene, surface)
-    contrast, size = np.zeros(scene.surfaces.shape[0]), np.zeros(scene.surfaces.shape[0])  # of each plane
-    column, row = round(pixel[0]) - TEMPLATE_HALF, round(pixel[1]) - TEMPLATE_HALF
-    for i in range(side):
-        for j in range(side):
-            if surface[i, j] >= 0:
-                size[plane[surface[i, j]]] += 1.0
-    for i in range(1, side - 1):
-        for j in range(1, side - 1):
-            y, x, front = row + i, column + j, (i, j)
-            if not (0 < y < h - 1 and 0 < x < w - 1):
-                continue
-            for near_i in range(i - 1, i + 2):
-                for near_j in range(j - 1, j + 2):
-                    if depth[near_i, near_j] < min((1.0 - _STEP) * depth[i, j], depth[front]):
-                        front = (near_i, near_j)
-            if surface[front] >= 0:
-                g_x = 0.5 * (float(image[y, x + 1]) - float(image[y, x - 1]))
-                g_y = 0.5 * (float(image[y + 1, x]) - float(image[y - 1, x]))
-                square = (i - TEMPLATE_HALF) ** 2 + (j - TEMPLATE_HALF) ** 2
-                contrast[plane[surface[front]]] += (g_x * g_x + g_y * g_y) * math.exp(-0.5 * square / _REACH**2)
-    contrast[size < _LEAST * side**2] = -1.0
-    count = int(np.sum(contrast >= 0.0))
-    out = np.empty((max(count, 1), 3))
-    out[0] = own
-    for m in range(count):
-        best = int(np.argmax(contrast))
-        contrast[best] = -1.0
-        least, largest = np.inf, 0.0  # of the plane in the window
-        for i in range(side):
-            for j in range(side):
-                if surface[i, j] >= 0 and plane[surface[i, j]] == best:
-                    least, largest = min(least, depth[i, j]), max(largest, depth[i, j])
-        height, approach = _height_and_approach(scene.surfaces[best], state, own - state[:3])
-        share = height / approach if approach > 0.0 else np.inf
-        middle = distance_between(state, own)
-        out[m] = state[:3] + min(max(share * middle, least), largest) / middle * (own - state[:3])
-    return out
-
-
-@compiled
-def _planes_of(scene: Scene, surface: np.ndarray) -> np.ndarray:
-    """(S,) of each surface in the window ``surface``, the first surface there that lies in its plane; else its own."""
-    plane, seen = np.arange(scene.surfaces.shape[0]), np.zeros(scene.surfaces.shape[0], np.bool_)
-    for k in surface.ravel():
-        if k >= 0:
-            seen[k] = True
-    for a in range(plane.shape[0]):
-        for b in range(a):
-            if seen[a] and seen[b] and plane[b] == b and _coplanar(scene.surfaces[a], scene.surfaces[b]):
-                plane[a] = b
-                break
-    return plane
-
-
-@compiled
-def pixels_of(camera: Record, state: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(m, 2) the pixels of ``points`` (m, 3) from ``state``; NaN of one behind the camera."""
-    R_WC, out = rotation_matrix(state[QUATERNION]), np.full((points.shape[0], 2), np.nan)
-    for k in range(points.shape[0]):
-        if not pixel_from_camera_point(camera, camera_point(R_WC, state, points[k]), out[k]):
-            out[k] = np.nan
-    return out
-
-
-@borrowing
-def _coplanar(a: Record, b: Record) -> bool:
-    """Whether two surfaces lie in one plane: a poster and its wall."""
-    apart = 0.0
-    for i in range(3):
-        apart = max(apart, abs(a.normal[i] - b.normal[i]))
-    height, _ = _height_and_approach(a, b.corner, b.normal)
-    return apart < _COPLANAR and abs(height) < _COPLANAR
-
-
-@borrowing
-def _height_and_approach(surface: Record, origin: np.ndarray, ray: np.ndarray) -> tuple[float, float]:
-    """How far ``origin`` (>= 3,) is before the surface's plane, and by how much ``ray`` (3,) brings it nearer."""
-    height, approach = 0.0, 0.0
-    for i in range(3):
-        height += surface.normal[i] * (origin[i] - surface.corner[i])
-        approach -= surface.normal[i] * ray[i]
-    return height, approach
-
-
-@compiled
-def _depth_along(surface: Record, origin: np.ndarray, ray: np.ndarray) -> float:
-    """The multiple of ``ray`` (3,) at which it meets the rectangle's front, infinite if it does not."""
-    height, approach = _height_and_approach(surface, origin, ray)
-    if height <= 0.0 or approach <= 0.0:
-        return math.inf
-    depth = height / approach
-    for edge in (surface.along, surface.down):
-        share, square = 0.0, 0.0
-        for i in range(3):
-            share += edge[i] * (origin[i] + depth * ray[i] - surface.corner[i])
-            square += edge[i] * edge[i]
-        if not 0.0 <= share <= square:
-            return math.inf
-    return depth
-
-
 SIGHT = record(
     rows=("f4", (3, 3)),  # u, v, w of its homography [texels/m, texels/m, 1/m]
     low=("f4", 2),  # its least texel
     high=("f4", 2),  # and its greatest
     inside=("f8", (5, 3)),  # linear forms of the ray, all positive in its inside: from its four edges, and w
+    plane="i8",
     texture="i8",
     brightness="f4",
 )
@@ -290,7 +142,7 @@ def _sight_of(surface: Record, origin: np.ndarray, R_WC: np.ndarray, sight: Reco
         sight.inside[4, j] = w
     for i in range(2):
         sight.low[i], sight.high[i] = texel[i], texel[i] + texels[i]
-    sight.texture, sight.brightness = surface.texture, surface.brightness
+    sight.plane, sight.texture, sight.brightness = surface.plane, surface.texture, surface.brightness
     return True
 
 
@@ -319,7 +171,7 @@ def inverse_depth_at(sight: Record, x: float, y: float) -> float:
     form = 0.0
     for k in range(5):
         form = sight.inside[k, 0] * x + sight.inside[k, 1] * y + sight.inside[k, 2]
-        if form <= 0.0:
+        if form < 0.0:
             return 0.0
     return form  # the last is w
 
@@ -337,3 +189,66 @@ def candidates(sights: np.ndarray, count: int, bounds: np.ndarray, out: np.ndarr
         if where == WHOLLY:
             return found, True
     return found, False
+
+
+_ANYWHERE = np.array((-99.0, 99.0, -99.0, 99.0))  # bounds of rays in any image
+_STEP = 0.05  # what is nearer than its surroundings by such a share is in front of them
+_LEAST = 0.05  # a plane that has a smaller share of a template is not followed
+_REACH = 4.0  # deviation of the Gaussian by which the contrast around a feature's pixel counts [px]
+
+
+@compiled
+def points_in_sight(
+    scene: Scene, state: np.ndarray, camera: Record, image: np.ndarray, pixel: np.ndarray
+) -> np.ndarray:
+    """(m, 3) the scene points that a template of ``image`` around ``pixel`` (2,) may follow, on the ray of the pixel:
+    one for each plane in it, first that of the plane with most contrast.
+
+    The contrast is that of the squared gradient, weighted by a Gaussian of the distance from the pixel. That of an edge
+    is what is in front's, and moves with it; but along the edge the template holds on to what is behind.
+    """
+    half, side, (h, w), count = TEMPLATE_HALF, 2 * TEMPLATE_HALF + 1, image.shape, scene.surfaces.shape[0]
+    sights, shown = np.zeros(count, SIGHT), np.zeros(count, np.int64)  # one of the sights in each plane
+    contrast, size = np.zeros(count), np.zeros(count)  # of each plane
+    plane, distance = np.full((side, side), -1), np.full((side, side), np.inf)
+    count = look(scene, state, _ANYWHERE, sights)
+    for i in range(side):
+        for j in range(side):
+            ray = ray_from_pixel(camera, pixel + np.array((j - half, i - half), np.float64))
+            for k in range(count):
+                inverse_depth = inverse_depth_at(sights[k], ray[0], ray[1])
+                if inverse_depth > 0.0:
+                    plane[i, j], distance[i, j] = sights[k].plane, math.sqrt(np.sum(ray * ray)) / inverse_depth
+                    size[plane[i, j]] += 1.0
+                    shown[plane[i, j]] = k
+                    break
+    column, row = round(pixel[0]) - half, round(pixel[1]) - half
+    for i in range(1, side - 1):
+        for j in range(1, side - 1):
+            v, u, front = row + i, column + j, (i, j)
+            if not (0 < v < h - 1 and 0 < u < w - 1):
+                continue
+            for near_i in range(i - 1, i + 2):
+                for near_j in range(j - 1, j + 2):
+                    if distance[near_i, near_j] < min((1.0 - _STEP) * distance[i, j], distance[front]):
+                        front = (near_i, near_j)
+            if plane[front] >= 0:
+                g_x = 0.5 * (float(image[v, u + 1]) - float(image[v, u - 1]))
+                g_y = 0.5 * (float(image[v + 1, u]) - float(image[v - 1, u]))
+                square = (i - half) ** 2 + (j - half) ** 2
+                contrast[plane[front]] += (g_x * g_x + g_y * g_y) * math.exp(-0.5 * square / _REACH**2)
+    contrast[size < _LEAST * side**2] = -1.0
+    ray = ray_from_pixel(camera, pixel)
+    length = math.sqrt(np.sum(ray * ray))
+    sight_line = np.array(world_from_camera(rotation_matrix(state[QUATERNION]), ray / length))
+    planes = int(np.sum(contrast >= 0.0))
+    out = np.empty((max(planes, 1), 3))
+    out[0] = state[:3] + distance[half, half] * sight_line
+    for m in range(planes):
+        best = int(np.argmax(contrast))
+        contrast[best] = -1.0
+        inverse_depth = np.sum(sights[shown[best]].inside[4] * ray)
+        there = length / inverse_depth if inverse_depth > 0.0 else np.inf
+        window = distance.ravel()[plane.ravel() == best]
+        out[m] = state[:3] + min(max(there, window.min()), window.max()) * sight_line
+    return out

@@ -16,7 +16,7 @@ from activeslam_gym.kernels import compiled
 from activeslam_gym.motion import QUATERNION
 from activeslam_gym.vision.room.geometry import SIGHT, Scene, candidates, inverse_depth_at, look
 from activeslam_gym.vision.room.lens import TILE, TILE_HEIGHT, TILE_WIDTH, Lens
-from activeslam_gym.vision.room.shading import COLOUR, REST, Tile, add_rectangle, empty_tile
+from activeslam_gym.vision.room.shading import COLOUR, REST, VECTORS, add_rectangle
 from activeslam_gym.world.noise import normals, uniforms
 
 PAD = 20  # pixels by which pictures are continued on each side while they are worked on
@@ -53,15 +53,17 @@ def extend(picture: np.ndarray) -> None:
 
 
 @compiled
-def soften(sharp: np.ndarray, side: float, soft: np.ndarray) -> None:
-    """The lens's point spread, see `Sensor`."""
+def softened(sharp: np.ndarray, side: float) -> np.ndarray:
+    """The picture with the lens's point spread, see `Sensor`; its outermost pixels are not."""
     a, c = np.float32(side), np.float32(1.0 - 2.0 * side)
     middle, edge, corner = c * c, a * c, a * a
+    soft = np.empty_like(sharp)
     for v in range(1, sharp.shape[0] - 1):
         for u in range(1, sharp.shape[1] - 1):
             beside = sharp[v, u - 1] + sharp[v, u + 1] + sharp[v - 1, u] + sharp[v + 1, u]
             across = sharp[v - 1, u - 1] + sharp[v - 1, u + 1] + sharp[v + 1, u - 1] + sharp[v + 1, u + 1]
             soft[v, u] = middle * sharp[v, u] + edge * beside + corner * across
+    return soft
 
 
 @compiled
@@ -111,9 +113,10 @@ def gain(sensor: Sensor, frame: int, key: np.ndarray) -> float:
 
 
 @compiled
-def develop(picture: np.ndarray, sensor: Sensor, frame: int, key: np.ndarray, image: np.ndarray) -> None:
-    """Grey values ``image`` (H, W) uint8 of the light in ``picture``: gain, noise, rounding, and no more than white."""
-    rows = uniforms(key, _DRAWS * frame, image.shape[0])
+def developed(picture: np.ndarray, sensor: Sensor, frame: int, key: np.ndarray, shape: tuple) -> np.ndarray:
+    """Grey values (H, W) uint8, of that ``shape``, of the light in ``picture``: gain, noise, rounding, and no more than
+    white."""
+    image, rows = np.empty(shape, np.uint8), uniforms(key, _DRAWS * frame, shape[0])
     factor, std = np.float32(gain(sensor, frame, key)), np.float32(sensor.noise_std)
     black, white, half = np.float32(0.0), np.float32(255.0), np.float32(0.5)
     for v in range(image.shape[0]):
@@ -122,95 +125,70 @@ def develop(picture: np.ndarray, sensor: Sensor, frame: int, key: np.ndarray, im
         for u in range(image.shape[1]):
             value = factor * source[u + PAD] + std * noise[u]
             target[u] = np.uint8(np.int32(min(max(value, black), white) + half))
+    return image
 
 
 _STILL = 1.0  # where nothing flows farther than that during the exposure [px], there is no blur
 
 
-class Workspace(NamedTuple):
-    """Arrays to work in, one set for each thread; nothing in them is kept from an image to the next."""
-
-    sights: np.ndarray  # (S,) of SIGHT: the rectangles that the camera sees
-    near: np.ndarray  # (S,) those of a tile
-    tile: Tile  # the one that is being drawn
-    flows: np.ndarray  # (tiles, 2) how far the picture moves during the exposure [px]
-    sharp: np.ndarray  # pictures float32, whole tiles with a margin of PAD around them
-    soft: np.ndarray
-
-
-def workspace_of(scene: Scene, lens: Lens) -> Workspace:
-    """The arrays for pictures of such a scene through that lens."""
-    tiles, surfaces = lens.rays.shape[0], scene.surfaces.shape[0]
-    shape = (tiles // lens.columns * TILE_HEIGHT + 2 * PAD, lens.columns * TILE_WIDTH + 2 * PAD)
-    sharp, soft = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-    sights, near = np.zeros(surfaces, SIGHT), np.zeros(surfaces, np.int64)
-    return Workspace(sights, near, empty_tile(), np.zeros((tiles, 2)), sharp, soft)
-
-
 @compiled
-def render(
-    scene: Scene, lens: Lens, sensor: Sensor, state: np.ndarray, frame: int, key: np.ndarray, work: Workspace,
-    image: np.ndarray,
-) -> None:  # fmt: skip
-    """Photograph the scene into ``image`` (H, W) uint8.
+def render(scene: Scene, lens: Lens, sensor: Sensor, state: np.ndarray, frame: int, key: np.ndarray) -> np.ndarray:
+    """A photograph of the scene (H, W) uint8.
 
     ``state`` (13,) is the camera's in the middle of the exposure: position, quaternion, velocity, angular velocity
     (world frame). ``key`` (1,) uint64 is the stream of the noise, of which frame k uses its own part.
     """
-    _expose(scene, lens, state, work)
-    extend(work.sharp)
-    soften(work.sharp, sensor.side, work.soft)
-    if sensor.exposure > 0.0 and _flow(lens, sensor.exposure, state, work) > _STILL:
-        smear(work.soft, work.flows, lens.columns, work.sharp)
-        develop(work.sharp, sensor, frame, key, image)
+    picture, inverse_depths = _exposed(scene, lens, state)
+    extend(picture)
+    soft, flows = softened(picture, sensor.side), _flows_of(lens, sensor.exposure, state, inverse_depths)
+    if np.abs(flows).max() > _STILL:
+        smear(soft, flows, lens.columns, picture)
     else:
-        develop(work.soft, sensor, frame, key, image)
+        picture = soft
+    return developed(picture, sensor, frame, key, (int(lens.camera.height), int(lens.camera.width)))
 
 
 @compiled
-def _expose(scene: Scene, lens: Lens, state: np.ndarray, work: Workspace) -> None:
-    """The light in each pixel into ``work.sharp`` [grey levels]; the inverse depth of each tile into ``work.flows``."""
-    count = look(scene, state, lens.image_bounds, work.sights)
-    for tile in range(lens.rays.shape[0]):
-        bounds, rays = lens.bounds[tile], lens.rays[tile].reshape(-1)
-        found, covered = candidates(work.sights, count, bounds, work.near)
-        work.tile.floats[REST : REST + TILE] = np.float32(1.0)
-        work.tile.floats[COLOUR : COLOUR + TILE] = np.float32(0.0)
-        work.flows[tile, 0] = 0.0
-        for k in range(found):
-            sight = work.sights[work.near[k]]
-            texture = scene.textures[sight.texture].reshape(-1)
-            add_rectangle(sight, covered and k == found - 1, rays, texture, work.tile)
-            if work.flows[tile, 0] == 0.0:
-                x, y = 0.5 * (bounds[0] + bounds[1]), 0.5 * (bounds[2] + bounds[3])
-                work.flows[tile, 0] = inverse_depth_at(sight, x, y)
-        _hang(work.tile.floats, tile, lens.columns, work.sharp)
-
-
-@compiled
-def _hang(floats: np.ndarray, tile: int, columns: int, picture: np.ndarray) -> None:
-    """Put a tile into its place; where shares do not add up to one quite, they are made to."""
-    v, u = PAD + TILE_HEIGHT * (tile // columns), PAD + TILE_WIDTH * (tile % columns)
+def _exposed(scene: Scene, lens: Lens, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The light in each pixel, float32 [grey levels], whole tiles with a margin of PAD around them; and the inverse
+    depth of each tile (tiles,) [1/m]."""
+    tiles, surfaces = lens.rays.shape[0], scene.surfaces.shape[0]
+    rows, columns = tiles // lens.columns * TILE_HEIGHT, lens.columns * TILE_WIDTH
+    picture, inverse_depths = np.empty((rows + 2 * PAD, columns + 2 * PAD), np.float32), np.zeros(tiles)
+    sights, near = np.zeros(surfaces, SIGHT), np.zeros(surfaces, np.int64)
+    floats, places = np.zeros(VECTORS * TILE, np.float32), np.zeros(TILE, np.uint32)
     one, tiny = np.float32(1.0), np.float32(1e-6)
-    for i in range(TILE_HEIGHT):
-        row = picture[v + i]
-        for j in range(TILE_WIDTH):
-            at = TILE_WIDTH * i + j
-            row[u + j] = floats[COLOUR + at] / max(one - floats[REST + at], tiny)
+    count = look(scene, state, lens.image_bounds, sights)
+    for tile in range(tiles):
+        bounds, rays = lens.bounds[tile], lens.rays[tile].reshape(-1)
+        found, covered = candidates(sights, count, bounds, near)
+        floats[REST : REST + TILE], floats[COLOUR : COLOUR + TILE] = one, np.float32(0.0)
+        for k in range(found):
+            sight = sights[near[k]]
+            texture = scene.textures[sight.texture].reshape(-1)
+            add_rectangle(sight, covered and k == found - 1, rays, texture, floats, places)
+            if inverse_depths[tile] == 0.0:
+                x, y = 0.5 * (bounds[0] + bounds[1]), 0.5 * (bounds[2] + bounds[3])
+                inverse_depths[tile] = inverse_depth_at(sight, x, y)
+        v, u = PAD + TILE_HEIGHT * (tile // lens.columns), PAD + TILE_WIDTH * (tile % lens.columns)
+        for at in range(TILE):  # where shares do not add up to one quite, they are made to
+            light = floats[COLOUR + at] / max(one - floats[REST + at], tiny)
+            picture[v + at // TILE_WIDTH, u + at % TILE_WIDTH] = light
+    return picture, inverse_depths
 
 
 @compiled
-def _flow(lens: Lens, exposure: float, state: np.ndarray, work: Workspace) -> float:
-    """How far [px] the middle of each tile moves during the exposure, into ``work.flows``; the farthest.
+def _flows_of(lens: Lens, exposure: float, state: np.ndarray, inverse_depths: np.ndarray) -> np.ndarray:
+    """(tiles, 2) how far [px] the middle of each tile moves during the exposure, by its inverse depth [1/m].
 
-    A point at p_C moves by dp_C/dt = -R^T (v + w x R p_C) in the camera. ``work.flows`` holds 1/depth of each tile.
+    A point at p_C moves by dp_C/dt = -R^T (v + w x R p_C) in the camera.
     """
     R_WC = rotation_matrix(state[QUATERNION])
     v_C = camera_from_world(R_WC, (state[7], state[8], state[9]))
     w_C = camera_from_world(R_WC, (state[10], state[11], state[12]))
-    J, farthest = np.zeros((2, 3)), 0.0
-    for tile in range(work.flows.shape[0]):
-        bounds, inverse_depth = lens.bounds[tile], work.flows[tile, 0]
+    J, flows = np.zeros((2, 3)), np.empty((inverse_depths.shape[0], 2))
+    for tile in range(flows.shape[0]):
+        bounds, inverse_depth = lens.bounds[tile], inverse_depths[tile]
         x, y = 0.5 * (bounds[0] + bounds[1]), 0.5 * (bounds[2] + bounds[3])
         pixel_jacobian(lens.camera, (x, y, 1.0), J)  # at depth one, where the velocity is divided by the depth
         moved = (
@@ -219,6 +197,5 @@ def _flow(lens: Lens, exposure: float, state: np.ndarray, work: Workspace) -> fl
             -inverse_depth * v_C[2] - (w_C[0] * y - w_C[1] * x),
         )
         for i in range(2):
-            work.flows[tile, i] = exposure * (J[i, 0] * moved[0] + J[i, 1] * moved[1] + J[i, 2] * moved[2])
-            farthest = max(farthest, abs(work.flows[tile, i]))
-    return farthest
+            flows[tile, i] = exposure * (J[i, 0] * moved[0] + J[i, 1] * moved[1] + J[i, 2] * moved[2])
+    return flows

@@ -74,8 +74,16 @@ def draw_scene(scenario: Scenario, rng: np.random.Generator, start: np.ndarray =
     for field in ("corner", "along", "down", "normal"):
         every[field] = every[field] @ turn.T
     every["corner"] += start[POSITION]
+    every["plane"] = _planes_of(every["normal"], every["corner"])
     placed = [_box_of(box @ turn.T + start[POSITION]) for box in boxes]
     return Scene(every, np.array(placed), corners @ turn.T + start[POSITION], texture_library(0))
+
+
+def _planes_of(normals: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """(S,) the first of the rectangles with these ``normals`` (S, 3) and ``corners`` (S, 3) in the plane of each."""
+    turned = np.abs(normals[:, None] - normals).max(axis=2)
+    apart = np.abs(np.einsum("ai,abi->ab", normals, corners - corners[:, None]))
+    return (np.maximum(turned, apart) < 1e-9).argmax(axis=1)
 
 
 def _box_of(corners: np.ndarray) -> np.ndarray:

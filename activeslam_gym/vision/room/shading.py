@@ -5,7 +5,6 @@ instructions. All is in 32 bits and without ``fastmath``, so that every machine 
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -19,65 +18,44 @@ _ZERO, _HALF, _ONE, _QUARTER = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 _TINY = np.float32(1e-20)
 _LEAST = np.float32(1e-6)  # share of a pixel: less is at a plane's horizon, where squares of texels leave 32 bits
 
-# Vectors in ``floats``
-_X, _Y, _X_U, _X_V, _Y_V = range(0, 5 * TILE, TILE)  # the covered pixels' rays and their derivatives, see `Lens.rays`
-_LEVEL = 5 * TILE  # of the pyramid, where they are read
-_RIGHT, _BELOW = 6 * TILE, 7 * TILE  # where between four texels a probe is
-_GREY = 8 * TILE  # of the pixels at hand
-_WEIGHT = 9 * TILE  # the share of each pixel of the tile that the rectangle at hand covers
-REST, COLOUR = 10 * TILE, 11 * TILE
-"""In ``floats``: the share of each pixel that is not covered yet; the tile's pixels [grey levels]."""
-_U, _V = 0, TILE  # in each of the ``probes``: its texel
-_AT, _PICK = 0, TILE  # in ``integers``: positions of texels in a texture; the pixels of the tile that are at hand
-
-_LANES = 8  # pixels are handled in so many at a time: a rest would be done one by one
+_X, _Y, _X_U, _X_V, _Y_V = range(0, 5 * TILE, TILE)  # vectors in ``rays``, see `Lens.rays`
+VECTORS = 11  # in ``floats``:
+REST, COLOUR, _WEIGHT, _U, _V, _STEP_U, _STEP_V, _LEVEL, _RIGHT, _BELOW, _GREY = range(0, VECTORS * TILE, TILE)
+"""The share of each pixel that is not covered yet, and its grey level so far; the share that the rectangle at hand
+covers; its texel, the step from it to a probe, and the probes' level; where a probe is between four texels; twice the
+rectangle's grey level there."""
 _EXPONENT = np.int32(23)  # where it begins in a number of 32 bits; its bias is 127
 _ONE_BITS, _HALF_LOG = np.int32(127 << 23), np.float32(0.5 / 2**23)
 _GREATEST = np.float32(4.0 ** (_LEVELS - 3))  # square of the largest texel to be asked for: two levels are above it
 
 
-class Tile(NamedTuple):
-    """Vectors of TILE numbers to work in, several in each array."""
-
-    floats: np.ndarray  # float32
-    probes: np.ndarray  # (2, 2 TILE) float32: each pixel is sampled in two places
-    integers: np.ndarray  # int32
-    quads: np.ndarray  # uint32: texels
-
-
-def empty_tile() -> Tile:
-    """The arrays of a tile."""
-    floats, probes = np.zeros(12 * TILE, np.float32), np.zeros((2, 2 * TILE), np.float32)
-    return Tile(floats, probes, np.zeros(2 * TILE, np.int32), np.zeros(TILE, np.uint32))
-
-
 @compiled
-def add_rectangle(sight: Record, whole: bool, rays: np.ndarray, texture: np.ndarray, tile: Tile) -> None:
-    """Lay a rectangle under what the ``tile`` shows already. ``whole``: it is known to cover the tile.
+def add_rectangle(
+    sight: Record, whole: bool, rays: np.ndarray, texture: np.ndarray, floats: np.ndarray, places: np.ndarray
+) -> None:
+    """Lay a rectangle under what a tile shows already. ``whole``: it is known to cover the tile.
 
-    ``rays`` (5 TILE,), ``texture`` (2 SIZE^2,).
+    ``rays`` (5 TILE,), ``texture`` (2 SIZE^2,), ``floats`` (VECTORS TILE,) float32; ``places`` (TILE,) uint32 is worked
+    in.
     """
-    floats, probes, integers, quads = tile
-    H, low, high = sight.rows, sight.low, sight.high
+    H, low, high, brightness = sight.rows, sight.low, sight.high, np.float32(_HALF * sight.brightness)
     rows = (H[0, 0], H[0, 1], H[0, 2], H[1, 0], H[1, 1], H[1, 2], H[2, 0], H[2, 1], H[2, 2])
     limits = (low[0], high[0], low[1], high[1])
     if whole:
         floats[_WEIGHT : _WEIGHT + TILE] = floats[REST : REST + TILE]
     else:
         _cover(rows, limits, rays, floats)
-    count = _pick(rays, floats, integers)
-    if count == 0:
-        return
-    vectors = -(-count // _LANES) * _LANES
-    _footprints(vectors, rows, limits, floats, probes[0], probes[1])
-    floats[_GREY : _GREY + vectors] = _ZERO
-    for probe in range(2):
+    _footprints(rows, limits, rays, floats)
+    floats[_GREY : _GREY + TILE] = _ZERO
+    for side in (-_ONE, _ONE):
         for coarser in range(2):
-            _address(vectors, probes[probe], np.int32(coarser), floats, integers)
-            for i in range(vectors):
-                quads[i] = texture[np.uint32(integers[_AT + i])]
-            _blend(vectors, coarser == 1, quads, floats)
-    _lay(count, np.float32(_HALF * sight.brightness), floats, integers)
+            _address(side, np.int32(coarser), floats, places)
+            for i in range(TILE):
+                places[i] = texture[places[i]]
+            _blend(coarser == 1, places, floats)
+    for i in range(TILE):
+        floats[COLOUR + i] += floats[_WEIGHT + i] * (brightness * floats[_GREY + i])
+        floats[REST + i] -= floats[_WEIGHT + i]
 
 
 @compiled
@@ -109,31 +87,7 @@ def _cover(rows: tuple, limits: tuple, rays: np.ndarray, floats: np.ndarray) -> 
 
 
 @compiled
-def _pick(rays: np.ndarray, floats: np.ndarray, integers: np.ndarray) -> int:
-    """List the pixels that have a weight, with their rays one after the other; how many.
-
-    Behind them stand some more, to fill a whole number of ``_LANES``.
-    """
-    count = 0
-    for i in range(TILE):
-        integers[_PICK + count] = i
-        count += floats[_WEIGHT + i] > _ZERO
-    if count == TILE:
-        floats[: 5 * TILE] = rays
-    if count == TILE or count == 0:
-        return count
-    vectors = -(-count // _LANES) * _LANES
-    integers[_PICK + count : _PICK + vectors] = integers[_PICK]
-    for i in range(vectors):
-        pixel = integers[_PICK + i]
-        floats[_X + i], floats[_Y + i] = rays[_X + pixel], rays[_Y + pixel]
-        floats[_X_U + i], floats[_X_V + i] = rays[_X_U + pixel], rays[_X_V + pixel]
-        floats[_Y_V + i] = rays[_Y_V + pixel]
-    return count
-
-
-@compiled
-def _footprints(count: int, rows: tuple, limits: tuple, floats: np.ndarray, one: np.ndarray, other: np.ndarray) -> None:
+def _footprints(rows: tuple, limits: tuple, rays: np.ndarray, floats: np.ndarray) -> None:
     """Where in its texture each pixel is, and how large: two probes along its longer side, and their level.
 
     A pixel is an ellipse on the texture, with the axes of J J^T, where J = d(texel)/d(pixel) is the homography's
@@ -143,10 +97,11 @@ def _footprints(count: int, rows: tuple, limits: tuple, floats: np.ndarray, one:
     """
     u_x, u_y, u_1, v_x, v_y, v_1, w_x, w_y, w_1 = rows
     low_u, high_u, low_v, high_v = limits
-    for i in range(count):
-        x, y = floats[_X + i], floats[_Y + i]
-        x_u, x_v, y_v = floats[_X_U + i], floats[_X_V + i], floats[_Y_V + i]
-        depth = _ONE / (w_x * x + w_y * y + w_1)
+    for i in range(TILE):
+        x, y = rays[_X + i], rays[_Y + i]
+        x_u, x_v, y_v = rays[_X_U + i], rays[_X_V + i], rays[_Y_V + i]
+        # zero where nothing is covered, so that the texel is one of the texture
+        depth = _ONE / (w_x * x + w_y * y + w_1) if floats[_WEIGHT + i] > _ZERO else _ZERO
         u, v = (u_x * x + u_y * y + u_1) * depth, (v_x * x + v_y * y + v_1) * depth
         # J
         slope_x, slope_y = (u_x - u * w_x) * depth, (u_y - u * w_y) * depth
@@ -165,34 +120,34 @@ def _footprints(count: int, rows: tuple, limits: tuple, floats: np.ndarray, one:
         square = min(max(max(shorter, _QUARTER * longer), _ONE), _GREATEST)
         apart = max(_HALF * (math.sqrt(longer) - math.sqrt(square)), _ZERO)
         apart /= math.sqrt(along_u * along_u + along_v * along_v + _TINY)
-        u, v = min(max(u, low_u), high_u), min(max(v, low_v), high_v)
-        one[_U + i], other[_U + i] = u - apart * along_u, u + apart * along_u
-        one[_V + i], other[_V + i] = v - apart * along_v, v + apart * along_v
+        floats[_U + i], floats[_V + i] = min(max(u, low_u), high_u), min(max(v, low_v), high_v)
+        floats[_STEP_U + i], floats[_STEP_V + i] = apart * along_u, apart * along_v
         # log2 of the probes' side, by the bits of its square: exact at the powers of two, and straight between them.
         # Half a level more: a ramp between two texels that is shorter than a pixel would shift edges by their phase
         floats[_LEVEL + i] = np.float32(np.int32(np.float32(square).view(np.int32) - _ONE_BITS)) * _HALF_LOG + _HALF
 
 
 @compiled
-def _address(count: int, probe: np.ndarray, coarser: np.int32, floats: np.ndarray, integers: np.ndarray) -> None:
+def _address(side: np.float32, coarser: np.int32, floats: np.ndarray, places: np.ndarray) -> None:
     """Where the four texels around each probe are in the texture, at its level or the next; see `texture_library`."""
-    for i in range(count):
+    for i in range(TILE):
         level = np.int32(np.int32(floats[_LEVEL + i]) + coarser)
-        side = np.int32(np.int32(SIZE) >> level)
+        texels = np.int32(np.int32(SIZE) >> level)
         scale = np.int32(np.int32(np.int32(127) - level) << _EXPONENT).view(np.float32)  # 2^-level
-        u, v = probe[_U + i] * scale - _HALF, probe[_V + i] * scale - _HALF
+        u = (floats[_U + i] + side * floats[_STEP_U + i]) * scale - _HALF
+        v = (floats[_V + i] + side * floats[_STEP_V + i]) * scale - _HALF
         left, top = np.floor(u), np.floor(v)
         floats[_RIGHT + i], floats[_BELOW + i] = u - left, v - top
-        column = np.int32(np.int32(left) & np.int32(side - np.int32(1)))
-        row = np.int32(np.int32(top) & np.int32(side - np.int32(1)))
-        start = np.int32(np.int32(2) * np.int32(np.int32(SIZE) - side))
-        integers[_AT + i] = np.int32(np.int32(np.int32(start + row) * np.int32(SIZE)) + column)
+        column = np.int32(np.int32(left) & np.int32(texels - np.int32(1)))
+        row = np.int32(np.int32(top) & np.int32(texels - np.int32(1)))
+        start = np.int32(np.int32(2) * np.int32(np.int32(SIZE) - texels))
+        places[i] = np.uint32(np.int32(np.int32(np.int32(start + row) * np.int32(SIZE)) + column))
 
 
 @compiled
-def _blend(count: int, coarser: bool, quads: np.ndarray, floats: np.ndarray) -> None:
+def _blend(coarser: bool, quads: np.ndarray, floats: np.ndarray) -> None:
     """Add the bilinear mean of four texels, in its share of the mean of two levels."""
-    for i in range(count):
+    for i in range(TILE):
         quad = quads[i]
         here = np.float32(np.int32(quad & np.uint32(255)))
         beside = np.float32(np.int32((quad >> np.uint32(8)) & np.uint32(255)))
@@ -202,17 +157,3 @@ def _blend(count: int, coarser: bool, quads: np.ndarray, floats: np.ndarray) -> 
         upper, lower = here + right * (beside - here), below + right * (across - below)
         share = floats[_LEVEL + i] - np.floor(floats[_LEVEL + i])
         floats[_GREY + i] += (share if coarser else _ONE - share) * (upper + floats[_BELOW + i] * (lower - upper))
-
-
-@compiled
-def _lay(count: int, brightness: np.float32, floats: np.ndarray, integers: np.ndarray) -> None:
-    """Add the pixels at hand to the tile, by their weight."""
-    if count == TILE:
-        for i in range(TILE):
-            floats[COLOUR + i] += floats[_WEIGHT + i] * (brightness * floats[_GREY + i])
-    else:
-        for i in range(count):
-            pixel = integers[_PICK + i]
-            floats[COLOUR + pixel] += floats[_WEIGHT + pixel] * (brightness * floats[_GREY + i])
-    for i in range(TILE):
-        floats[REST + i] -= floats[_WEIGHT + i]

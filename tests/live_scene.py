@@ -16,6 +16,7 @@ from activeslam_gym.live.page import Page
 from activeslam_gym.live.source import ROOM
 from activeslam_gym.live.state import Standing, State
 from activeslam_gym.motion import Motion
+from activeslam_gym.vision.frontend import Searched
 
 ROOT = Path(__file__).resolve().parents[1]
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -33,10 +34,11 @@ def a_state(frame: int = 1, n: int = 12) -> State:
         frame=frame, time=frame / 15, image=rng.integers(0, 255, (240, 320)).astype(np.uint8),
         standing=Standing.TRACKING, words="Tracking.", camera=np.eye(1, 13, 3)[0], camera_covariance=1e-4 * np.eye(3),
         ids=np.arange(1, n + 1), points=rng.normal(0, 1, (n, 3)), covariances=np.tile(1e-3 * np.eye(3), (n, 1, 1)),
-        mapped=np.arange(n) % 2 == 0, fiducials=np.zeros((4, 3)), searched=np.arange(1, n + 1),
-        pixels=rng.uniform(20, 220, (n, 2)), ellipses=np.tile(9.0 * np.eye(2), (n, 1, 1)), outcomes=np.arange(n) % 3,
+        mapped=np.arange(n) % 2 == 0, fiducials=np.zeros((4, 3)),
+        searched=Searched(np.arange(1, n + 1), rng.uniform(20, 220, (n, 2)), np.tile(9.0 * np.eye(2), (n, 1, 1)),
+                          np.arange(n) % 3),
         command=Motion.UP, scores=np.arange(7.0), advised=np.arange(7), log2_dets=np.array((-100.0, -200.0, -310.0)),
-        landmarks=n, initialised=0, milliseconds=8.0, follows=True,
+        landmarks=n, milliseconds=8.0, follows=True,
     )  # fmt: skip
 
 

@@ -91,8 +91,8 @@ class Adviser:
     images than motions, several share one.
     """
 
-    def __init__(self, scenario: Scenario, expected: ExpectedMap) -> None:
-        self.expected, self._motion = expected, motion_of(scenario, PERIOD)
+    def __init__(self, scenario: Scenario, front_end: FrontEnd, seed: np.random.SeedSequence) -> None:
+        self.expected, self._motion = ExpectedMap(scenario, front_end, seed), motion_of(scenario, PERIOD)
         self._frames = max(2, round(PERIOD / scenario.frame_time))
         self._plans, self._criterion = motion_plans(self._frames), list(CRITERIA).index(CRITERION)
         slots = min(self._frames - 1, MOTION_COUNT)
@@ -107,6 +107,7 @@ class Adviser:
 
     def consider(self) -> bool:
         """After an image: score the motions whose turn it is; True where there is a new command."""
+        self.expected.update()
         self._phase += 1
         if self._phase < self._frames:
             for motion in np.flatnonzero(self._turn == self._phase).tolist():

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from activeslam_gym.files import demand_writable, written_whole
-from activeslam_gym.live.advice import Adviser, ExpectedMap
+from activeslam_gym.live.advice import Adviser
 from activeslam_gym.live.source import GuidanceError, RealCamera
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.board import BOARD, BoardCalibration, sheet
@@ -74,10 +74,9 @@ class Device(RealCamera):
         image = np.clip(texture, 0.0, 255.0).astype(np.uint8)
         front_end = FrontEnd(Filter(self.scenario))
         front_end.start(image, 0.0, np.zeros(0, np.int64), np.zeros((0, 2)))
-        adviser = Adviser(self.scenario, ExpectedMap(self.scenario, front_end, np.random.SeedSequence(0)))
+        adviser = Adviser(self.scenario, front_end, np.random.SeedSequence(0))
         for k in range(1, round(2.0 * self._rate) + 1):
             front_end.step(image, k / self._rate)
-            adviser.expected.update()
             adviser.consider()
 
     # The source -------------------------------------------------------------------------------------------------------

@@ -194,7 +194,7 @@ class Page:
         first, self._state = self._state is None, state
         self._remember(state)
         with self._server.atomic():
-            self._view.image = picture = view(state.moment)
+            self._view.image = picture = view(state)
             self._frustum.image = picture[:: (step := max(1, picture.shape[1] // _FRUSTUM)), ::step]
             self._standing.content = drawing.standing(state, self._paused)
             if np.isfinite(state.camera).all() and np.isfinite(state.camera_covariance).all():

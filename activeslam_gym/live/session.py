@@ -9,17 +9,17 @@ import json
 import time
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from activeslam_gym.files import Lines, demand_writable
-from activeslam_gym.live.advice import Adviser, ExpectedMap
+from activeslam_gym.live.advice import Adviser
 from activeslam_gym.live.device import Device
 from activeslam_gym.live.source import FOLLOW, GuidanceError, RecordedImages, RenderedRoom
 from activeslam_gym.live.state import Standing, State, plain
-from activeslam_gym.motion import CAMERA_DIM, CAMERA_SIZE, MOTION_COUNT, Motion
-from activeslam_gym.slam.estimate import Estimate, taken_estimate
-from activeslam_gym.vision.film import film_to, point_covariances
+from activeslam_gym.motion import CAMERA_SIZE, MOTION_COUNT, Motion
+from activeslam_gym.vision.film import film_to, moment_of
 from activeslam_gym.vision.frontend import NOTHING, FrameLog, FrontEnd
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.track_files import TrackFiles
@@ -41,10 +41,17 @@ WORDS = {
 }
 """Sentences for people."""
 _BEGUN = "The target is there; the map begins."
-_NO_IDS, _NO_POINTS = np.zeros(0, int), np.zeros((0, 3))
-_NO_ESTIMATE = Estimate(
-    np.eye(1, CAMERA_SIZE, 3)[0], _NO_IDS, _NO_POINTS, np.zeros((CAMERA_DIM, CAMERA_DIM)), _NO_IDS > 0, _NO_IDS > 0
-)
+_NOTHING: dict[str, Any] = {
+    "searched": NOTHING,
+    "camera": np.eye(1, CAMERA_SIZE, 3)[0],
+    "camera_covariance": np.zeros((3, 3)),
+    "ids": np.zeros(0, int),
+    "points": np.zeros((0, 3)),
+    "covariances": np.zeros((0, 3, 3)),
+    "mapped": np.zeros(0, bool),
+    "fiducials": np.zeros((0, 3)),
+}
+"""The estimate before the target was seen."""
 
 
 class Session:
@@ -74,7 +81,6 @@ class Session:
     def _reset(self) -> None:
         self.front_end: FrontEnd | None = None
         self.adviser: Adviser | None = None
-        self.expected: ExpectedMap | None = None
         self.log: FrameLog | None = None
         """Of the last image but the first."""
         self._frame, self._time, self._zero, self._good = 0, 0.0, 0.0, 0.0
@@ -142,13 +148,11 @@ class Session:
         self.front_end = self.source.start(image)
         self._zero, self._time = at, 0.0
         seed = np.random.SeedSequence((self._seed, 1))
-        self.expected = ExpectedMap(self.source.scenario, self.front_end, seed)
-        self.adviser = Adviser(self.source.scenario, self.expected)
+        self.adviser = Adviser(self.source.scenario, self.front_end, seed)
 
     def _track(self, front_end: FrontEnd) -> None:
-        assert self.expected and self.adviser
+        assert self.adviser
         self.log = front_end.step(self._image, self._time)
-        self.expected.update()
         if self.log.matched >= _FEW:
             self._good = self._time
         if self.adviser.consider() and self.source.person is not None:
@@ -164,36 +168,22 @@ class Session:
 
     def _state(self, standing: Standing, began: float, why: ValueError | None = None) -> State:
         log, person, adviser, front_end = self.log, self.source.person, self.adviser, self.front_end
-        estimate = taken_estimate(front_end.estimate()) if front_end else _NO_ESTIMATE
-        search = front_end.searched if front_end else NOTHING
+        moment = vars(moment_of(front_end, self._image)) if front_end else {"image": self._image, **_NOTHING}
         begun = standing == Standing.TRACKING and log is None
         words = _BEGUN if begun else "{why}" if isinstance(why, GuidanceError) else WORDS[standing]
         matched, searched = (log.matched, log.searched) if log else (0, 0)
-        P = estimate.covariance
-        self._mapped.update(estimate.ids[estimate.mapped].tolist())
+        self._mapped.update(moment["ids"][moment["mapped"]].tolist())
         return State(
+            **moment,
             frame=self._frame,
             time=self._time,
-            image=self._image,
             standing=standing,
             words=words.format(matched=matched, searched=searched, why=why),
-            camera=estimate.camera,
-            camera_covariance=P[:3, :3],
-            ids=estimate.ids,
-            points=estimate.points,
-            covariances=point_covariances(P),
-            mapped=estimate.mapped,
-            fiducials=front_end.filter.fiducials if front_end else _NO_POINTS,
-            searched=search.id,
-            pixels=search.pixel,
-            ellipses=search.covariance,
-            outcomes=search.outcome,
             command=adviser.command if adviser else Motion.STAY,
             scores=adviser.scores if adviser else np.full(MOTION_COUNT, np.nan),
             advised=adviser.advised.copy() if adviser else np.zeros(MOTION_COUNT, int),
-            log2_dets=self.expected.log2_dets() if self.expected else np.full(3, np.nan),
+            log2_dets=adviser.expected.log2_dets() if adviser else np.full(3, np.nan),
             landmarks=len(self._mapped),
-            initialised=log.initialised if log else 0,
             follows=None if person is None else person.habit == FOLLOW,
             truth=None if person is None else person.state.copy(),
             milliseconds=1e3 * (time.thread_time() - began),
@@ -254,7 +244,7 @@ class Recording:
             self._track.add(state.time, state.camera, log)
             self._last = state
             if self._film is not None:
-                self._film(state.moment)
+                self._film(state)
         self._count += 1
 
     def save(self) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from activeslam_gym.camera import camera_of
+from activeslam_gym.camera import camera_of, free_way
 from activeslam_gym.config import SCENARIOS
 from activeslam_gym.geometry import quaternion_exp, rotation_error
 from activeslam_gym.kernels import Record
@@ -19,8 +19,8 @@ from activeslam_gym.motion import (
     MOTION_COUNT,
     POSITION,
     QUATERNION,
-    VELOCITY,
     Motion,
+    accelerations,
     goal_of,
     minimum_jerk,
     motion_of,
@@ -80,32 +80,18 @@ class Person:
         motion, dt = self._motion, float(self._motion.dt)
         if self._heard and self._time >= self._heard[0][0] - 1e-9:
             self._set_out(self._heard.pop(0)[1])
-        noise = self._rng.standard_normal((2, 3))
-        a = self._pull(self.state, dt) + motion.acceleration_std * noise[0]
-        alpha = self._turn(self.state) + motion.angular_acceleration_std * noise[1]
-        self.state = transition(self.state, np.concatenate((a, alpha)), dt)
+        u = accelerations(motion, self.state, self._from, self._to, self._time - self._begun, 0.0)
+        u[3:] = self._turn(self.state)
+        tremor = np.repeat((motion.acceleration_std, motion.angular_acceleration_std), 3)
+        self.state = transition(self.state, u + tremor * self._rng.standard_normal(6), dt)
         self._time += dt
         return self.state
 
     def _set_out(self, command: Motion) -> None:
-        """Begin the path to the goal of ``command``, or as far towards it as is free, in quarters."""
+        """Begin the path to the goal of ``command``, or as far towards it as is free."""
         self._begun, self._from = self._time, self._to
         way = goal_of(self._motion, np.concatenate((self._to, self.state[3:])), int(command)) - self._to
-        places = (self._to + share * way for share in (1.0, 0.75, 0.5, 0.25))
-        self._to = next((place for place in places if self._is_free(place)), self._to)
-
-    def _is_free(self, place: np.ndarray) -> bool:
-        gaps = np.maximum(np.maximum(self._boxes[:, 0] - place, place - self._boxes[:, 1]), 0.0)
-        return bool((np.linalg.norm(gaps, axis=1) > _DISTANCE).all())
-
-    def _pull(self, x: np.ndarray, dt: float) -> np.ndarray:
-        """Acceleration (3,) along a minimum-jerk path of a second."""
-        elapsed, period = self._time - self._begun, float(self._motion.period)
-        share, before, after = (minimum_jerk((elapsed + shift) / period) for shift in (0.0, -dt, dt))
-        way = self._to - self._from
-        place, speed = self._from + share * way, (share - before) / dt * way
-        push = (after - 2.0 * share + before) / dt**2 * way
-        return _STIFFNESS**2 * (place - x[POSITION]) + 2.0 * _STIFFNESS * (speed - x[VELOCITY]) + push
+        self._to = self._to + free_way(self._boxes, _DISTANCE, self._to, way) * way
 
     def _turn(self, x: np.ndarray) -> np.ndarray:
         """Angular acceleration (3,) towards a level camera with the person's gaze."""
@@ -123,6 +109,7 @@ ROOM = replace(
     fiducial_count=4,  # the corners of the target
     pixel_std=SCENARIOS["pixels"].pixel_std,
     scripted_gaze_amplitude=0.0,  # the filter does not know the person's gaze
+    controller_frequency=_STIFFNESS,
 )
 """The rendered room and what the filter assumes of a hand: 15 images a second, 4 m/s^2 and 6 rad/s^2, u unknown."""
 HELD = replace(SIGHTED, trials=30, most_change=0.4)

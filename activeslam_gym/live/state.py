@@ -21,43 +21,16 @@ class Standing(str, Enum):
     OVER = "over"
 
 
-@dataclass
-class State:
-    """After an image, in the world axes of the filter; metres, seconds, pixels, bits.
-
-    The map has n features and K fiducials, of which m were searched.
-    """
+@dataclass(kw_only=True)
+class State(Moment):
+    """After an image, in the world axes of the filter; metres, seconds, pixels, bits."""
 
     frame: int
     """Images that were tracked, this one included."""
     time: float
-    image: np.ndarray
-    """(h, w) uint8."""
     standing: Standing
     words: str
     """The standing as a sentence."""
-    camera: np.ndarray
-    """(13,) float. Estimate: position, quaternion, velocity, angular velocity."""
-    camera_covariance: np.ndarray
-    """(3, 3) float. Of the position."""
-    ids: np.ndarray
-    """(n,) int. Of the features."""
-    points: np.ndarray
-    """(n, 3) float."""
-    covariances: np.ndarray
-    """(n, 3, 3) float."""
-    mapped: np.ndarray
-    """(n,) bool. As in `slam.estimate.Estimate`."""
-    fiducials: np.ndarray
-    """(K, 3) float. Corners of the target."""
-    searched: np.ndarray
-    """(m,) int. Ids of the features and fiducials that were searched in the image."""
-    pixels: np.ndarray
-    """(m, 2) float. Predicted measurements."""
-    ellipses: np.ndarray
-    """(m, 2, 2) float. Covariances of the innovations."""
-    outcomes: np.ndarray
-    """(m,) int. `vision.frontend` MISSED, MATCHED or DOUBTED."""
     command: Motion
     """The present advice."""
     scores: np.ndarray
@@ -68,8 +41,6 @@ class State:
     """(3,) float. log2 |P| of camera, map and total."""
     landmarks: int
     """Features that were ever mapped."""
-    initialised: int
-    """Features initialised in this image."""
     milliseconds: float
     """Processor time of this image."""
     rate: float = 0.0
@@ -79,17 +50,6 @@ class State:
     truth: np.ndarray | None = None
     """(13,) float. The true camera, in a rendered room."""
 
-    @property
-    def moment(self) -> Moment:
-        """Its picture and map."""
-        searched = Searched(self.searched, self.pixels, self.ellipses, self.outcomes)
-        return Moment(self.image, searched, self.points, self.covariances, self.mapped, self.fiducials, self.camera)
-
-    @property
-    def stds(self) -> np.ndarray:
-        """(n, 3) standard deviations of the points [m]."""
-        return np.sqrt(np.maximum(np.einsum("nii->ni", self.covariances), 0.0))
-
 
 def plain(state: State) -> dict[str, Any]:
     """The state without its image as JSON holds it; numbers to six digits, NaN as None."""
@@ -97,6 +57,8 @@ def plain(state: State) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
+    if isinstance(value, Searched):
+        return {name: _plain(one) for name, one in value._asdict().items()}
     if isinstance(value, np.ndarray):
         return _plain(value.tolist())
     if isinstance(value, list):

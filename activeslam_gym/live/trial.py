@@ -52,8 +52,8 @@ class Evaluator:
 
     def add(self, session: Session, state: State) -> None:
         """Take in an image."""
-        assert session.front_end and session.expected and state.truth is not None
-        self._expected, self._state, self._truth = session.expected, state, state.truth
+        assert session.front_end and session.adviser and state.truth is not None
+        self._expected, self._state, self._truth = session.adviser.expected, state, state.truth
         if session.log is not None:
             self._followed.look(self._truth, state.image, session.front_end.candidates)
         if self._first_density is None:

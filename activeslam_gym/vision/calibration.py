@@ -47,16 +47,6 @@ class Calibration(NamedTuple):
             raise ValueError(f"the calibration is of images of {width} x {height} pixels, got {w} x {h}")
 
 
-def read_calibration(path: str | Path) -> Calibration:
-    """The calibration in a JSON file with the fields of `Calibration`.
-
-    Raises:
-        FileNotFoundError: there is no such file.
-        ValueError: it is no JSON, or a field is missing, unknown or out of range; the message names it.
-    """
-    return calibration_from(read_object(path), str(path))
-
-
 def calibration_from(fields: dict[str, Any], where: str = "the calibration") -> Calibration:
     """The calibration with these ``fields``; a ValueError names its origin ``where``, and the field that is wrong."""
     check_names(fields, set(Calibration._fields), where)

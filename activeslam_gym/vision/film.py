@@ -3,14 +3,15 @@
 import math
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from activeslam_gym.files import written_whole
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.motion import CAMERA_DIM
+from activeslam_gym.slam.estimate import taken_estimate
 from activeslam_gym.vision.frontend import DOUBTED, MATCHED, MISSED, FrontEnd, Searched
 from activeslam_gym.vision.opencv import opencv
 
@@ -25,30 +26,50 @@ _SIGMAS_SEEN, _SIGMAS = 3.0, 2.0
 """Of the ellipses in the view and in the map."""
 
 
-class Moment(NamedTuple):
-    """The state of a track after an image, as it is drawn."""
+@dataclass(kw_only=True)
+class Moment:
+    """The estimate after an image, and where it was searched: n features and K fiducials, in metres and pixels."""
 
-    image: np.ndarray  # (h, w) uint8
+    image: np.ndarray
+    """(h, w) uint8."""
     searched: Searched
-    points: np.ndarray  # (n, 3) features [m]
-    covariances: np.ndarray  # (n, 3, 3)
-    mapped: np.ndarray  # (n,) bool
-    fiducials: np.ndarray  # (K, 3)
-    camera: np.ndarray  # (>= 7,) position and quaternion
+    camera: np.ndarray
+    """(13,) position, quaternion, velocity, angular velocity."""
+    camera_covariance: np.ndarray
+    """(3, 3) of the position."""
+    ids: np.ndarray
+    """(n,) of the features."""
+    points: np.ndarray
+    """(n, 3)."""
+    covariances: np.ndarray
+    """(n, 3, 3)."""
+    mapped: np.ndarray
+    """(n,) bool. As in `slam.estimate.Estimate`."""
+    fiducials: np.ndarray
+    """(K, 3) corners of the target."""
+
+    @property
+    def stds(self) -> np.ndarray:
+        """(n, 3) standard deviations of the points [m]."""
+        return np.sqrt(np.maximum(np.einsum("nii->ni", self.covariances), 0.0))
 
 
 def moment_of(front_end: FrontEnd, image: np.ndarray) -> Moment:
     """The moment after ``image``."""
-    filter = front_end.filter
-    points, P = filter.points()
-    parts = point_covariances(P), filter.mapped, filter.fiducials, filter.mean
-    return Moment(image, front_end.searched, points, *parts)
-
-
-def point_covariances(P: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) of the joint covariance ``P`` of a camera and n points."""
+    estimate = taken_estimate(front_end.estimate())
+    P = estimate.covariance
     rows = np.arange(CAMERA_DIM, len(P)).reshape(-1, 1, 3)
-    return P[np.swapaxes(rows, 1, 2), rows]
+    return Moment(
+        image=image,
+        searched=front_end.searched,
+        camera=estimate.camera,
+        camera_covariance=P[:3, :3],
+        ids=estimate.ids,
+        points=estimate.points,
+        covariances=P[np.swapaxes(rows, 1, 2), rows],
+        mapped=estimate.mapped,
+        fiducials=front_end.filter.fiducials,
+    )
 
 
 @contextmanager

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from activeslam_gym.files import text_of
-from activeslam_gym.vision.calibration import Calibration, calibration_from, read_calibration, read_object
+from activeslam_gym.vision.calibration import Calibration, calibration_from, read_object
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.sources import Frame
 
@@ -158,16 +158,16 @@ def _reach(lens: Lens) -> float:
 
 
 def lens_from(path: str | Path, camera: str | None = None) -> tuple[Calibration, Straighten]:
-    """The calibration in a file: ours in JSON (see `read_calibration`), or the nearest to another program's, with what
-    maps its images to it. Of several cameras it is the one that `read_lens` reads.
+    """The calibration in a file: ours (a `Calibration` in JSON), or the nearest to another program's; and
+    what maps images to it. Of several cameras it is the one that `read_lens` reads.
 
     Raises:
         FileNotFoundError: there is no such file.
         ValueError: it is damaged, or no lens has its numbers, or it holds no such ``camera``.
         ModuleNotFoundError: it is another program's, and OpenCV is not installed.
     """
-    if Path(path).suffix.lower() == ".json" and not any(_cameras(read_object(path))):
-        return read_calibration(path), lambda frame: frame
+    if Path(path).suffix.lower() == ".json" and not any(_cameras(fields := read_object(path))):
+        return calibration_from(fields, str(path)), lambda frame: frame
     lens = read_lens(path, camera)
     calibration, typical, greatest = fitted(lens, str(path))
     kind, reach = "fisheye" if lens.fisheye else "radial-tangential", _reach(lens)

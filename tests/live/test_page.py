@@ -96,12 +96,16 @@ def test_a_mistake_is_told_in_a_line(line: str, tmp_path: Path, monkeypatch: Any
 # What it shows --------------------------------------------------------------------------------------------------------
 
 
+def with_ellipses(S: np.ndarray) -> dict[str, Any]:
+    return {"searched": a_state().searched._replace(covariance=np.tile(S, (12, 1, 1)))}
+
+
 def test_states_of_all_kinds_are_shown(page: Page) -> None:
     nothing, stay = {"scores": np.full(7, np.nan), "log2_dets": np.full(3, np.nan)}, Motion.STAY
     kinds = [
         {}, {"points": np.full((12, 3), np.nan)}, {"camera": np.full(13, np.nan)}, {**nothing, "command": stay},
-        {"ellipses": np.tile(np.diag((1e12, -1.0)), (12, 1, 1))}, {"command": Motion.FORWARD},
-        {"ellipses": np.full((12, 2, 2), np.nan)}, {"camera_covariance": np.full((3, 3), np.nan)},
+        with_ellipses(np.diag((1e12, -1.0))), {"command": Motion.FORWARD},
+        with_ellipses(np.full((2, 2), np.nan)), {"camera_covariance": np.full((3, 3), np.nan)},
         {"standing": Standing.WAITING, "follows": False},
     ]  # fmt: skip
     states = [replace(a_state(), frame=frame, **kind) for frame, kind in enumerate(kinds, 1)]

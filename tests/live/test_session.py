@@ -39,8 +39,8 @@ def test_a_map_grows_and_the_camera_is_localised(walk: Any) -> None:
     assert last.standing == Standing.TRACKING and last.landmarks >= last.mapped.sum() >= 6
     assert np.linalg.norm(last.truth[:3] - last.camera[:3]) < 0.2
     assert last.log2_dets[2] < states[2].log2_dets[2] - 100.0
-    assert MATCHED in last.outcomes
-    assert len(last.searched) == len(last.pixels) == len(last.ellipses) == len(last.outcomes)
+    assert MATCHED in last.searched.outcome
+    assert len(last.searched.id) == len(last.searched.pixel) == len(last.searched.covariance)
 
 
 def test_a_command_a_second_is_the_best_of_seven(walk: Any) -> None:
@@ -75,7 +75,8 @@ def test_only_measurements_that_the_front_end_would_take_are_foreseen(walk: Any)
     session.restart()
     for _ in range(4):  # early, while more is expected than there is room for
         session.step()
-    belief, settings, left_out = session.expected.predicted_belief(), session.front_end.settings, np.zeros(2, int)
+    belief, settings = session.adviser.expected.predicted_belief(), session.front_end.settings
+    left_out = np.zeros(2, int)
     known = len(belief.points) - belief.waiting
     limits = belief.limits._replace(wanted=6)  # so that the room does not suffice
     for way in ((0, 0, -0.3), (0, 0, 0), (0, 0, 0.3), (0.4, 0, 0), (0.8, 0, 0)):

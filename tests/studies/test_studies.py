@@ -211,7 +211,7 @@ def test_the_log_score_of_the_live_study_is_that_of_the_environment_with_images(
             seconds.append(evaluator.second())
     assert seconds[0].log_score == 0.0 and seconds[2].log_score > seconds[1].log_score > 50.0
     estimate, truth = taken_estimate(session.front_end.estimate()), room.person.state
-    slots, _ = session.expected.factored()
+    slots, _ = session.adviser.expected.factored()
     landmarks, variance = evaluator._spare.copy(), np.array(ROOM.landmark_prior_variance)
     counting = slots[slots >= 0]
     landmarks[slots >= 0] = evaluator._followed.of(estimate.ids[counting])

@@ -18,10 +18,9 @@ from activeslam_gym.live.run import source_of
 from activeslam_gym.live.source import GuidanceError
 from activeslam_gym.vision import board
 from activeslam_gym.vision.board import BOARD, BoardCalibration, View, find_board, fit_lens
-from activeslam_gym.vision.calibration import read_calibration
 from activeslam_gym.vision.drawing import printed, printed_value
 from activeslam_gym.vision.first_sight import seen_corners
-from activeslam_gym.vision.other_lenses import Lens, projected_by, read_lens
+from activeslam_gym.vision.other_lenses import Lens, lens_from, projected_by, read_lens
 from activeslam_gym.vision.sources import SourceError, images_of
 from activeslam_gym.vision.target import Board, target_from
 from activeslam_gym.vision.views import projected
@@ -58,7 +57,7 @@ def test_the_lens_is_recovered_from_pictures_of_a_board(pattern, std, tmp_path, 
         cv2.imwrite(str(tmp_path / f"{k}.png"), photographed(pose, pattern))
     options = ["--kind", pattern.__name__, "--columns", str(COLUMNS), "--rows", str(ROWS)]
     assert main(["calibrate", "--images", str(tmp_path), *options, "--out", str(tmp_path / "lens.json")]) == 0
-    found, said = read_calibration(tmp_path / "lens.json"), capsys.readouterr().out
+    found, said = lens_from(tmp_path / "lens.json")[0], capsys.readouterr().out
     assert found.focal_px == pytest.approx(LENS.focal_px, rel=0.01)
     assert found[3:5] == pytest.approx(LENS[3:5], abs=3.0 * std)
     assert float(said.split("principal point (")[1].split()[2].rstrip(",")) < std
@@ -286,7 +285,7 @@ def test_one_who_follows_the_guidance_calibrates_and_the_lens_is_used_at_once(
             heard.append(str(guidance))
     assert started is not None, heard
     fit, target = started
-    assert target == BOARD and read_calibration(tmp_path / "lens.json") == fit and not source.calibrating
+    assert target == BOARD and lens_from(tmp_path / "lens.json")[0] == fit and not source.calibrating
     assert source.scenario.focal_px == fit.reduced(fit.scale).focal_px
     assert fit.focal_px == pytest.approx(LARGE.focal_px, rel=0.01)
     assert fit.distortion == pytest.approx(LARGE.distortion, rel=0.1)

@@ -18,8 +18,8 @@ cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
 from activeslam_gym.__main__ import main, parser
 from activeslam_gym.geometry import rotation_error
-from activeslam_gym.vision.calibration import read_calibration
 from activeslam_gym.vision.first_sight import start_pose
+from activeslam_gym.vision.other_lenses import lens_from
 from activeslam_gym.vision.settings import scale_of
 from activeslam_gym.vision.sources import images_of
 from activeslam_gym.vision.target import read_target
@@ -68,7 +68,7 @@ def sequence(tmp_path_factory) -> Path:
         write(folder / "images" / f"{k:03}.png", image_from(pose, target=True, samples=2))
     (folder / "calibration.json").write_text(json.dumps(LENS._asdict()))
     (folder / "target.json").write_text(json.dumps(target_fields(path(1)[0])))
-    assert read_calibration(folder / "calibration.json") == LENS
+    assert lens_from(folder / "calibration.json")[0] == LENS
     np.testing.assert_allclose(read_target(folder / "target.json").corners_px, np.rint(corners_from(path(1)[0])))
     return folder
 

@@ -49,15 +49,20 @@ learners: $(VENV)/.agents ## train five seeds of each learner again (an hour and
 		cp results/learners/$$name/policy.$$suffix agents/suite/entries/$${name%-*}-default/policy-$${name#*-}.$$suffix || exit 1; \
 	done; done
 
-curves: $(VENV)/.agents ## learning curves in office, and how much is left there and in corner (two hours): docs/policies.md
-	for seed in 0 1 2 3 4; do \
-		$(RUN) -m agents train --recipe quick --scenario office --seed $$seed --test-episodes 0 --out results/curves/quick-$$seed || exit 1; \
-		$(RUN) -m agents train --recipe quick --initial generalist --learning-rate 3e-4 --entropy-bonus 0.002 \
-			--scenario office --seed $$seed --test-episodes 0 --out results/curves/initial-$$seed || exit 1; \
+CURVES := $(SEEDS:%=office/%) $(foreach seed,0 1 2,clusters/$(seed) rooms/$(seed))
+CURVE  := $(RUN) -m agents train --test-episodes 0 --recipe
+
+curves: $(VENV)/.agents ## learning curves in three scenarios, and how much is left in two (three hours): docs/policies.md
+	for one in $(CURVES); do scenario=$${one%/*}; seed=$${one#*/}; out=results/curves/$$scenario; \
+		$(CURVE) quick --scenario $$scenario --seed $$seed --out $$out/quick-$$seed || exit 1; \
+		$(CURVE) quick --initial generalist --learning-rate 3e-4 --entropy-bonus 0.002 \
+			--scenario $$scenario --seed $$seed --out $$out/initial-$$seed || exit 1; \
 	done
-	$(RUN) -m agents train --recipe full --scenario office --seed 0 --test-episodes 0 --out results/curves/full-0
-	$(RUN) -m studies.learning --folders results/curves/*-? --jobs $(WORKERS) --out results/curves --report docs/policies.md
-	$(RUN) -m studies.upper_reference --jobs $(WORKERS) --out results/curves --report docs/policies.md
+	for scenario in office clusters; do \
+		$(CURVE) full --scenario $$scenario --seed 0 --out results/curves/$$scenario/full-0 || exit 1; \
+	done
+	$(RUN) -m studies.learning --folders results/curves --jobs $(WORKERS) --out results/curves-played --report docs/policies.md
+	$(RUN) -m studies.upper_reference --jobs $(WORKERS) --out results/curves-played --report docs/policies.md
 
 leaderboard: $(VENV)/.agents $(VENV)/.advice ## play the test episodes of the suite, and make its page (hours; what is of this BEHAVIOUR already stays; with EPISODES=8 twenty minutes)
 	for policy in $(ENTRIES); do $(RUN) -m agents enter --name $$policy --policies $$policy $(PLAYED) $(ON) --out $(BOARD) || exit 1; done

@@ -1,10 +1,10 @@
 """Learning curves: log score and failures in validation episodes against decisions, of trainings by `agents train`.
 
-    python -m agents train --scenario office --seed 0 --out results/curves/ppo-0
-    python -m studies.learning --folders results/curves/ppo-? --policies greedy-plus mi-mi generalist
+    python -m agents train --scenario office --seed 0 --out results/curves/office/ppo-0
+    python -m studies.learning --folders results/curves --policies greedy-plus mi-mi generalist
 
-Folders that differ in the last part of their name, after "-", are seeds of one curve. Each scenario has a panel. The
-policies play the validation episodes once, and stand as lines.
+Folders of a scenario that differ in the last part of their name, after "-", are seeds of one curve. Each scenario has a
+panel. The policies play the validation episodes once, and stand as lines.
 """
 
 import csv
@@ -28,17 +28,18 @@ Curves = Mapping[str, Mapping[str, list[np.ndarray]]]
 
 
 def read_curves(folders: Sequence[Path]) -> Curves:
-    """The curves in folders of trainings. Raises ValueError where one has none."""
+    """The curves in ``folders`` and below them. Raises ValueError where one has none."""
     curves: dict[str, dict[str, list[np.ndarray]]] = {}
-    for folder in folders:
-        with reading(folder / CURVE), (folder / CURVE).open(newline="") as file:
+    if empty := [str(folder) for folder in folders if not any(folder.rglob(CURVE))]:
+        raise ValueError(f"folders: {', '.join(empty)}; allowed: those with a {CURVE} in them, of `agents train`")
+    for path in sorted(path for folder in folders for path in folder.rglob(CURVE)):
+        with reading(path), path.open(newline="") as file:
             rows = list(csv.DictReader(file))
         for scenario in dict.fromkeys(row["scenario"] for row in rows):
             own = [row for row in rows if row["scenario"] == scenario]
             values = [[float(row[key]) for key in ("decisions", "log_score", "failures")] for row in own]
-            curves.setdefault(scenario, {}).setdefault(folder.name.rpartition("-")[0] or folder.name, []).append(
-                np.array(values)
-            )
+            learner = path.parent.name.rpartition("-")[0] or path.parent.name
+            curves.setdefault(scenario, {}).setdefault(learner, []).append(np.array(values))
     return curves
 
 
@@ -60,10 +61,11 @@ def rows_of(curves: Curves, policies: Mapping[str, Mapping[str, Aggregate]]) -> 
 def draw(curves: Curves, policies: Mapping[str, Mapping[str, Aggregate]], path: Path) -> None:
     """A panel for each scenario: the seeds of each learner, and the policies as lines."""
     figure, grid = grid_of_panels(1, len(curves), (6.0, 3.2))
+    colours = {name: f"C{k}" for k, name in enumerate(dict.fromkeys(one for own in curves.values() for one in own))}
     for axes, (scenario, learners) in zip(grid[0], curves.items()):
-        for k, (learner, seeds) in enumerate(learners.items()):
+        for learner, seeds in learners.items():
             for j, one in enumerate(seeds):
-                axes.plot(one[:, 0], one[:, 1], color=f"C{k}", linewidth=1.2, label=None if j else learner)
+                axes.plot(one[:, 0], one[:, 1], color=colours[learner], linewidth=1.2, label=None if j else learner)
         for style, (policy, score) in zip(("--", ":", "-.", (0, (1, 4))), policies[scenario].items()):
             axes.axhline(score.value, color="0.4", linestyle=style, linewidth=1.0, label=policy)
         axes.set(title=scenario, xlabel="decisions", ylabel="log score [bit], validation")
@@ -76,7 +78,7 @@ class Args(Study):
     """Learning curves of trainings, beside policies in the same validation episodes."""
 
     folders: tuple[Path, ...]
-    """Folders of `agents train`."""
+    """Folders of `agents train`, or that hold such."""
     section = "learning"
     policies: tuple[str, ...] = ("greedy-plus", "mi-mi", "best-sequence", "generalist")
     """Policies that play the validation episodes too."""

@@ -179,13 +179,13 @@ def test_learning_curves_are_read_by_seed_and_held_against_the_best_baseline(tmp
         lines = [f"{1000 * k},1,office,8,{score},0.25,1.0" for k, score in enumerate(scores)]
         header = "decisions,seconds,scenario,episodes,log_score,failures,policy_entropy"
         (tmp_path / f"ppo-{seed}" / "curve.csv").write_text("\n".join([header, *lines]) + "\n")
-    curves = learning.read_curves(sorted(tmp_path.iterdir()))
+    curves = learning.read_curves([tmp_path])
     policies = {"office": {"mi-mi": aggregate([180.0] * 8, "IQM"), "generalist": aggregate([900.0] * 8, "IQM")}}
     assert learning.rows_of(curves, policies) == [["`office`", "ppo", "2", "1,000", "250 [200, 300]", "25.0"]]
     policies["office"]["mi-mi"] = aggregate([250.0] * 8, "IQM")
     assert learning.rows_of(curves, policies)[0][3] == "1 of 2 seeds do"
-    with pytest.raises(ValueError, match="cannot be read"):
-        learning.read_curves([tmp_path / "nothing"])
+    with pytest.raises(ValueError, match="nothing; allowed: those with a curve.csv"):
+        learning.read_curves([tmp_path, tmp_path / "nothing"])
 
 
 # The live page's advice -----------------------------------------------------------------------------------------------

@@ -53,7 +53,7 @@ def rows_of(curves: Curves, policies: Mapping[str, Mapping[str, Aggregate]]) -> 
             known = [one for one in reached if one is not None]
             when = f"{np.median(known):,.0f}" if len(known) == len(seeds) else f"{len(known)} of {len(seeds)} seeds do"
             ends, failed = (np.array([one[-1, k] for one in seeds]) for k in (1, 2))
-            span = f"{np.median(ends):.0f} [{ends.min():.0f}, {ends.max():.0f}]"
+            span = f"{np.median(ends):.0f}" + (f" [{ends.min():.0f}, {ends.max():.0f}]" if len(seeds) > 1 else "")
             rows.append([f"`{scenario}`", learner, str(len(seeds)), when, span, f"{100.0 * failed.mean():.1f}"])
     return rows
 
@@ -96,8 +96,6 @@ def main(args: Args) -> None:
         }
         for scenario in curves
     }
-    place = args.report.parent / "images" if args.report else args.out or Path("results")
-    draw(curves, policies, place / "learning.png")
     scores = [
         [f"`{scenario}`", f"`{name}`", score.text(1.0, 0)]
         for scenario, own in policies.items()
@@ -105,6 +103,11 @@ def main(args: Args) -> None:
     ]
     others = table(("scenario", "policy", "log score"), scores)
     args.publish(f"{table(HEADER, rows_of(curves, policies))}\n\n{others}")
+    draw(
+        curves,
+        policies,
+        (args.report.parent / "images" if args.report else args.out or Path("results")) / "learning.png",
+    )
 
 
 if __name__ == "__main__":

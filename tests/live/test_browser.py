@@ -231,8 +231,9 @@ def test_the_camera_of_the_browser_is_tracked_and_advised(filming: Any, files: l
     places, truth = np.array([state["camera"][:3] for state in tracked]), np.array(POSES)[:, :3]
     assert np.linalg.norm(places[:, None] - truth, axis=2).min(axis=1).max() < 0.01, "they are on the path ..."
     assert np.ptp(places, axis=0)[0] > 0.5 * np.ptp(truth, axis=0)[0], "... and along it"
-    features = [np.array(state["outcomes"])[np.array(state["searched"]) > 0] for state in tracked]
-    assert np.mean([(outcomes == MATCHED).sum() for outcomes in features[-20:]]) > 8, "beside the target's corners"
+    searched = [{name: np.array(one) for name, one in state["searched"].items()} for state in tracked[-20:]]
+    features = [((one["id"] > 0) & (one["outcome"] == MATCHED)).sum() for one in searched]
+    assert np.mean(features) > 8, "beside the target's corners"
 
 
 def test_without_leave_nothing_is_filmed_and_without_a_recording_nothing_is_kept(

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.camera import View, change_of_view, view_of, visible
+from activeslam_gym.camera import View, change_of_view, distance_between, view_of, visible
 from activeslam_gym.envs.images import judge_by_scene
 from activeslam_gym.envs.perception import Perception
 from activeslam_gym.envs.run import Run, write_whole_estimate
@@ -274,16 +274,12 @@ def _initialise_features(run: Run, rules: Record, corners: Corners, draws: np.nd
 
 @borrowing
 def _may_be_shown(corners: Corners, c: int, view: View) -> bool:
-    """Whether ``c`` is before the camera, shows its front, and is a corner at its distance: most of a room are not."""
-    p, y, R_WC = view.pose, corners.points, view.R_WC
-    x_W, y_W, z_W = y[c, 0] - p[0], y[c, 1] - p[1], y[c, 2] - p[2]
-    if R_WC[0, 2] * x_W + R_WC[1, 2] * y_W + R_WC[2, 2] * z_W <= 0.0:
+    """Whether ``c`` is before the camera, a corner at its distance, and shows its front: most of a room are not."""
+    y, p, R_WC = corners.points[c], view.pose, view.R_WC
+    if R_WC[0, 2] * (y[0] - p[0]) + R_WC[1, 2] * (y[1] - p[1]) + R_WC[2, 2] * (y[2] - p[2]) <= 0.0:
         return False
-    distance = math.sqrt(x_W**2 + y_W**2 + z_W**2)
-    if not corners.reach[c, 0] <= distance < corners.reach[c, 1]:
-        return False
-    normal = corners.normals
-    return normal[c, 0] * -x_W + normal[c, 1] * -y_W + normal[c, 2] * -z_W > _FACING * distance
+    reach = corners.reach[c]
+    return reach[0] <= distance_between(p, y) < reach[1] and faces(corners.normals[c], y, p, _FACING)
 
 
 @compiled

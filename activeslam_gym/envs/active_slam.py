@@ -332,8 +332,8 @@ class ActiveSLAMPixelsEnv(ActiveSLAMEnv):
     - Truth of a landmark is the scene point that its feature follows, by ray-casting. Of the N slots of the log
       score, one without a feature scores a random point of the room by the prior.
     - A match is wrong where the feature's scene point is more than 4 pixels from it in the true image.
-    - The room's boxes stop the camera, and a motion stops short of them; the belief knows nothing of them, and nothing
-      tells how far they are.
+    - The room's boxes stop the camera, and a motion stops short of them; the belief knows nothing of them, and no range
+      finder measures them.
 
     Raises:
         ValueError: a bad argument or action.

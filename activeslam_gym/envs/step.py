@@ -162,7 +162,7 @@ def measure(run: Run) -> bool:
 def identify(run: Run) -> bool:
     """Give the detections their true ids, where the scenario does; whether the frame is labelled so.
 
-    A label tells what a detection is of, see `World`; the filter never reads it. An id is of a feature or a fiducial.
+    A label is the source of a detection, see `World`; the filter never reads it. An id is of a feature or a fiducial.
     """
     task = run.models.task
     labelled = task.association_known or (task.labelled_first_match and run.world.state.frame == 0)

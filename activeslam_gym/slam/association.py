@@ -362,7 +362,7 @@ def _explore(model: Record, h: Hypotheses, search: Search, answer: np.ndarray, o
         search.nodes[0] += 1
         if search.nodes[0] > model.nodes:
             return
-        left, below = open.copy(), Hypotheses(h.z, h.S, h.d2.copy(), h.cost)  # a miss tells nothing of the others
+        left, below = open.copy(), Hypotheses(h.z, h.S, h.d2.copy(), h.cost)  # a miss changes no other prediction
         answer[decided], left[decided] = i, False
         if i < M:
             below = Hypotheses(h.z.copy(), h.S.copy(), below.d2, h.cost.copy())

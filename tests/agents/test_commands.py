@@ -1,4 +1,4 @@
-"""`python -m agents`: each mistake is told in a line, before any work, and small commands in full."""
+"""`python -m agents`: each mistake is reported in a line, before any work, and small commands in full."""
 
 import errno
 import json
@@ -101,7 +101,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 FRAMES = str.maketrans("│╭╰╮╯─", "      ")
 
 
-def told(capsys: pytest.CaptureFixture[str], run: Any, line: list[str]) -> tuple[object, list[str]]:
+def reported(capsys: pytest.CaptureFixture[str], run: Any, line: list[str]) -> tuple[object, list[str]]:
     """Exit status and lines of stderr, without the parser's frames."""
     try:
         status = run(line)
@@ -114,7 +114,7 @@ def told(capsys: pytest.CaptureFixture[str], run: Any, line: list[str]) -> tuple
 def refused(line: list[str], capsys: Any) -> str:
     """What is said of a command line: one line that begins with the command, or the parser's words."""
     beside = ["--tum", "t"] if line[0] == "watch" and "--tum" not in line else []
-    status, lines = told(capsys, main, [line[0], *beside, *line[1:]])
+    status, lines = reported(capsys, main, [line[0], *beside, *line[1:]])
     text = " ".join(" ".join(lines).split())
     assert status == 2 and "Traceback" not in text, (line, text)
     assert "For full helptext" in text or (len(lines) == 1 and lines[0].startswith(f"python -m agents {line[0]}: ")), (
@@ -125,7 +125,7 @@ def refused(line: list[str], capsys: Any) -> str:
 
 
 @pytest.mark.parametrize("row", TABLE, ids=lambda row: f"{row[1]} {row[3][:20]}")
-def test_a_mistake_is_told_in_a_line_before_any_work(row: Any, folder: Path, capsys: Any) -> None:
+def test_a_mistake_is_reported_in_a_line_before_any_work(row: Any, folder: Path, capsys: Any) -> None:
     before = sorted(folder.rglob("*"))
     commands, options, values, said = row
     for command, option, value in product(commands.split(), options.split(), values.split() or [""]):
@@ -157,7 +157,7 @@ def test_a_full_disk_is_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, 
 
     monkeypatch.setattr(Path, "replace", full)
     line = "compare --policies stay --episodes 1 --jobs 1 --duration 1 --no-figures --out".split()
-    status, lines = told(capsys, main, [*line, str(tmp_path)])
+    status, lines = reported(capsys, main, [*line, str(tmp_path)])
     assert status == 2 and lines[-1].startswith("python -m agents compare: [Errno 28]")
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 

@@ -264,8 +264,8 @@ def test_the_command_regenerates_the_named_ones_and_keeps_the_others(
         written = json.loads(path.read_text(encoding="utf-8"))
         assert written == {"kept": {"scenario": "hall"}, key_of(bare()): made}
     assert table.main(["nowhere"]) == 2
-    told = capsys.readouterr().err
-    assert all(name in told for name in ("nowhere", *SCENARIOS))
+    messages = capsys.readouterr().err
+    assert all(name in messages for name in ("nowhere", *SCENARIOS))
 
 
 def test_the_policy_plays_the_sequence() -> None:

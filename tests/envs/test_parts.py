@@ -1,4 +1,4 @@
-"""Parts of a user's own: they fly, a wrong answer has the part's name and the frame, and `check_…` tells before."""
+"""Parts of a user's own: they fly, a wrong answer has the part's name and the frame, and `check_…` finds it before."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -126,9 +126,9 @@ WRONG_ESTIMATORS = {
 
 @pytest.mark.parametrize("wrong", WRONG_ESTIMATORS)
 def test_ids_of_nothing_made_a_map_look_better(wrong: str) -> None:
-    with pytest.raises(ValueError, match="the estimator '.*:Mine'") as told:
+    with pytest.raises(ValueError, match="the estimator '.*:Mine'") as raised:
         stepped(scenario=KNOWN, estimator=WRONG_ESTIMATORS[wrong])
-    assert "in frame" in str(told.value)
+    assert "in frame" in str(raised.value)
 
 
 def sensed(change: Callable[[Any, Any], Any]) -> type:
@@ -148,7 +148,7 @@ WRONG_SENSORS = {
 
 
 @pytest.mark.parametrize("wrong", WRONG_SENSORS)
-def test_a_wrong_answer_of_a_sensor_is_told_by_name(wrong: str) -> None:
+def test_a_wrong_answer_of_a_sensor_is_reported_by_name(wrong: str) -> None:
     with pytest.raises(ValueError, match="the sensor '.*:Mine'"):
         stepped(scenario=KNOWN, sensor=WRONG_SENSORS[wrong], estimator=NumpyEkf)
 
@@ -163,7 +163,7 @@ WRONG_SCENES = {
 
 
 @pytest.mark.parametrize("wrong", WRONG_SCENES)
-def test_a_wrong_answer_of_a_scene_is_told_by_name(wrong: str) -> None:
+def test_a_wrong_answer_of_a_scene_is_reported_by_name(wrong: str) -> None:
     with pytest.raises(ValueError, match="the scene '"):
         stepped(scene=WRONG_SCENES[wrong])
 

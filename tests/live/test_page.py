@@ -84,12 +84,12 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("line", MISTAKES)
-def test_a_mistake_is_told_in_a_line(line: str, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+def test_a_mistake_is_reported_in_a_line(line: str, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["live", *line.split()]) == 2
-    *first, told = capsys.readouterr().err.splitlines()
+    *first, message = capsys.readouterr().err.splitlines()
     assert all("compiling kernels" in one for one in first)
-    assert MISTAKES[line] in told and "live: " in told
+    assert MISTAKES[line] in message and "live: " in message
     assert not list(tmp_path.iterdir())
 
 

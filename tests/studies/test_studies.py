@@ -192,13 +192,13 @@ def test_learning_curves_are_read_by_seed_and_held_against_the_best_baseline(tmp
 
 
 def test_the_evaluator_sees_the_ground_truth() -> None:
-    told = trial(5, FOLLOW, 3.0)
-    assert [round(one.time, 6) for one in told] == [1.0, 2.0, 3.0]
-    assert all(np.isfinite(one.log_score) for one in told)
-    assert told[-1].position_error < 0.2 and not told[-1].lost
-    assert told[-1].log2_det_total < told[0].log2_det_total
+    guided = trial(5, FOLLOW, 3.0)
+    assert [round(one.time, 6) for one in guided] == [1.0, 2.0, 3.0]
+    assert all(np.isfinite(one.log_score) for one in guided)
+    assert guided[-1].position_error < 0.2 and not guided[-1].lost
+    assert guided[-1].log2_det_total < guided[0].log2_det_total
     still = trial(5, STILL, 1.0)
-    assert still[0].log2_det_total == pytest.approx(told[0].log2_det_total, abs=1e-6)  # nobody was told anything yet
+    assert still[0].log2_det_total == pytest.approx(guided[0].log2_det_total, abs=1e-6)  # no advice yet
 
 
 def test_the_log_score_of_the_live_study_is_that_of_the_environment_with_images() -> None:

@@ -159,7 +159,7 @@ def test_too_few_pictures_of_the_board_are_refused(tmp_path, capsys) -> None:
     assert find_board(FLAT, "charuco", 7, 5) is None
 
 
-def test_hidden_files_and_folders_are_no_images_and_other_endings_are_told(tmp_path, capsys) -> None:
+def test_hidden_files_and_folders_are_no_images_and_other_endings_are_reported(tmp_path, capsys) -> None:
     for name in ("0.png", "1.webp", ".2.png"):
         cv2.imwrite(str(tmp_path / name), FLAT)
     (tmp_path / "._0.png").write_bytes(b"\5" * 100)
@@ -290,8 +290,8 @@ def test_one_who_follows_the_guidance_calibrates_and_the_lens_is_used_at_once(
     assert fit.focal_px == pytest.approx(LARGE.focal_px, rel=0.01)
     assert fit.distortion == pytest.approx(LARGE.distortion, rel=0.1)
     assert np.hypot(fit.principal_x_px - LARGE.principal_x_px, fit.principal_y_px - LARGE.principal_y_px) < 4.0
-    told = {name for name in (*PLACES, *TILTS) if any(name in one for one in heard)}
-    assert told & set(PLACES) and told & set(TILTS)
+    asked = {name for name in (*PLACES, *TILTS) if any(name in one for one in heard)}
+    assert asked & set(PLACES) and asked & set(TILTS)
 
 
 def test_a_board_that_moves_fast_or_not_at_all_gives_no_view(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -268,9 +268,9 @@ def test_a_bad_input_is_one_line(command, wrong, said, home, capsys, monkeypatch
     except SystemExit as end:  # of the parser
         status = end.code
     lines = capsys.readouterr().err.splitlines(keepends=True)
-    told = "".join(line for line in lines if "compiling kernels" not in line)  # where the first start compiles
-    assert status == 2 and said in told and told.count("\n") == 1, told
-    assert told.startswith(f"python -m activeslam_gym {command}: ") and len(told) < 300
+    message = "".join(line for line in lines if "compiling kernels" not in line)  # where the first start compiles
+    assert status == 2 and said in message and message.count("\n") == 1, message
+    assert message.startswith(f"python -m activeslam_gym {command}: ") and len(message) < 300
 
 
 def test_images_before_another_size_are_kept(home, capsys, monkeypatch) -> None:

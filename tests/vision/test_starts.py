@@ -168,7 +168,7 @@ def test_what_ends_the_images_of_the_start_ends_the_track(free, end) -> None:
 
 
 @pytest.mark.parametrize("n", [1, 2])
-def test_a_camera_that_only_turns_in_a_room_stays_where_it_is_and_the_user_is_told(n) -> None:
+def test_a_camera_that_only_turns_in_a_room_stays_where_it_is_and_the_user_is_warned(n) -> None:
     lens = enlarged(LENS, n)
     scenario = replace(ROOM, **lens._asdict())
     room = RoomCamera(scenario, camera_of(scenario), np.random.SeedSequence(1))
@@ -286,8 +286,8 @@ def test_a_camera_at_rest_ends_uncertain_in_every_output(tmp_path, capsys) -> No
     (tmp_path / "lens.json").write_text(json.dumps(LENS._asdict()))
     given = ["--images", str(tmp_path / "images"), "--calibration", str(tmp_path / "lens.json")]
     assert main(["track", *given, "--out", str(tmp_path), "--film"]) == 3
-    told = capsys.readouterr()
-    assert AT_REST in told.out and UNCERTAIN in told.err
+    printed = capsys.readouterr()
+    assert AT_REST in printed.out and UNCERTAIN in printed.err
     header, *rows = (line.split(",") for line in (tmp_path / "frames.csv").read_text().splitlines())
     assert [row[header.index("start_certain")] for row in rows] == ["0"] * 3
     poses = np.loadtxt(tmp_path / "trajectory.tum")

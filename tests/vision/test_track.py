@@ -250,12 +250,12 @@ def test_larger_images_of_the_same_scene_are_tracked_alike() -> None:
     np.testing.assert_allclose(found[0].cameras[:, :7], small.cameras[:, :7], atol=0.02)
 
 
-def test_the_searches_are_told_in_the_pixels_of_the_image() -> None:
-    told = []
+def test_the_searches_are_reported_in_the_pixels_of_the_image() -> None:
+    searches = []
     for n in (1, 2):
         front_end = begun(IMAGES[0].repeat(n, axis=0).repeat(n, axis=1), enlarged(LENS, n))
         front_end.step(IMAGES[1].repeat(n, axis=0).repeat(n, axis=1), 1 / 30)
-        told.append(front_end.searched)
-    small, double = told
+        searches.append(front_end.searched)
+    small, double = searches
     np.testing.assert_allclose(double.pixel, 2.0 * (small.pixel + 0.5) - 0.5, atol=1e-4)
     np.testing.assert_allclose(double.covariance, 4.0 * small.covariance, rtol=1e-4)

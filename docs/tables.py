@@ -6,6 +6,7 @@ import inspect
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 from activeslam_gym import ActiveSLAMEnv, config
@@ -25,8 +26,9 @@ def sections_of(page: Path) -> dict[str, str]:
 
 
 def specification() -> str:
-    """The docstring of the environment, which is its specification."""
-    return (inspect.getdoc(ActiveSLAMEnv) or "").partition("\nRaises:")[0].strip()
+    """The docstring of the environment, which is its specification, in lines as short as those of other pages."""
+    text = (inspect.getdoc(ActiveSLAMEnv) or "").partition("\nRaises:")[0].strip()
+    return "\n\n".join(one if one[0] in "|#" else fill(one, 100, break_on_hyphens=False) for one in text.split("\n\n"))
 
 
 def scenarios() -> str:

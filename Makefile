@@ -20,8 +20,9 @@ CLIENTS := sb3 torchrl rllib cleanrl rerun live gtsam cluster
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-14s %s\n", $$1, $$2}' Makefile
 
-demo: $(VENV)/.agents ## compare learned and greedy policies in eight episodes: table and pictures in results/demo
+demo: $(VENV)/.agents ## compare learned and greedy policies in eight episodes: table, pictures and an animation in results/demo
 	$(RUN) -m agents compare --policies ppo best-constant mi-constant mi-mi mi-fisher --episodes 8 --seed 1000000 --out results/demo
+	$(RUN) -m agents watch --policies ppo mi-fisher --seed 1000000 --save results/demo/episode.gif
 
 consistency: $(VENV)/.demo ## is the filter consistent? 100 episodes of each policy and variant (minutes): docs/consistency.md
 	$(RUN) -m studies.consistency --episodes $(or $(EPISODES),100) --jobs $(WORKERS) $(ON) --out results/consistency --report docs/consistency.md

@@ -200,8 +200,9 @@ def _map(axes: Axes, run: Episode) -> None:
 
 def _panels(count: int, size: tuple[float, float] = (4.2, 3.2), **shared: Any) -> tuple[Figure, list[Axes]]:
     """A figure with `count` panels in rows; the rest of the last row stays empty."""
-    columns = min(count, PANELS_A_ROW)
-    figure, grid = grid_of_panels(-(-count // columns), columns, size, **shared)
+    rows = -(-count // PANELS_A_ROW)
+    columns = -(-count // rows)
+    figure, grid = grid_of_panels(rows, columns, size, **shared)
     for above, axes in zip(grid.flat[count - columns :], grid.flat[count:]):
         axes.set_axis_off()
         above.tick_params(labelbottom=True)  # shared axes have their numbers in the last row alone

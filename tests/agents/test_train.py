@@ -245,6 +245,12 @@ def test_weights_that_are_no_numbers_are_neither_kept_nor_used(trained: Path, tm
         agents.load(str(tmp_path / "bad.npz"), env)
 
 
+def test_an_update_follows_as_many_decisions_in_a_long_episode_as_in_a_short_one() -> None:
+    """With 128 environments; few environments play whole episodes."""
+    assert [Recipe(scenario=name, num_envs=128).rollout_steps for name in ("office", "clusters", "rooms")] == [8, 8, 8]
+    assert Recipe(scenario="rooms", num_envs=4).rollout_steps == 90 and Recipe(num_envs=4096).rollout_steps == 1
+
+
 def test_a_recipe_is_arguments_by_name_which_later_ones_replace(tmp_path: Path) -> None:
     pytest.importorskip("tensorboard")
     small = "--scenario=sprint --num-envs=2 --duration=2 --total-steps=8 --validation-episodes=1 --test-episodes=0"

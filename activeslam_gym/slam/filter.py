@@ -120,8 +120,16 @@ class Filter:
         self._sight = None
 
     def snapshot(self) -> Belief:
-        """A copy of the belief, to which `attach` goes back."""
+        """A copy of the belief, for `restore`."""
         return copy.deepcopy(self.belief)
+
+    def restore(self, belief: Belief) -> None:
+        """Make the belief, in its arrays, which may be those of a run, that of a `snapshot`."""
+        for name in belief.state.dtype.names:
+            self.belief.state[name] = belief.state[name]
+        for own, kept in zip(self.belief[1:], belief[1:]):
+            own[...] = kept
+        self._sight = None
 
     def attach(self, belief: Belief) -> None:
         """Work on the arrays ``belief`` of a run from now on."""

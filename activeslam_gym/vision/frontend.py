@@ -177,7 +177,7 @@ class FrontEnd:
         outcome = self.searched.outcome
         searched, found, matched = len(outcome), int((outcome != MISSED).sum()), int((outcome == MATCHED).sum())
         if before is not None and not self._suffices(matched):
-            self.filter.attach(before)  # the map is not there
+            self.filter.restore(before)  # the map is not there
         clear = self._notice(searched, matched)
         dropped = self._heed_target()
         initialised, deletions = self._learn(image, grey) if clear else (0, 0)

@@ -97,7 +97,7 @@ def steps_from_anywhere(
                 front_end.filter.place_camera(camera, np.pad(P, ((0, 6), (0, 6))))
                 yield front_end, frame, log._replace(start_certain=bool(sure and wide), lost=log.lost or not known)
                 reported += 1
-            front_end.filter.attach(belief)
+            front_end.filter.restore(belief)
             held = []
     if ending is None:
         filter, square, deleted, consistent = front_end.filter, np.sum(front_end.filter.mean[VELOCITY] ** 2), 0.0, True

@@ -97,6 +97,21 @@ def test_what_is_missed_too_often_is_deleted_and_counted() -> None:
     assert len(filter.ids) == 0 and filter.counts.deletions == 1 and filter.belief.state.dim == 12
 
 
+def test_going_back_to_a_snapshot_stays_in_the_arrays_of_the_run_that_it_works_on() -> None:
+    """A map that was sought in vain leaves no trace: neither in the filter nor in the run whose belief it is."""
+    filter, run = sure_filter(), sure_filter()
+    filter.attach(run.belief)
+    filter.add_landmark((100.0, 80.0))
+    before, mean, (_, P) = filter.snapshot(), filter.mean, filter.points()
+    filter.place_camera(random_camera(np.random.default_rng(0)), np.eye(12))
+    filter.delete(1)
+    filter.restore(before)
+    for one in (filter, run):
+        assert one.ids.tolist() == [1]
+        np.testing.assert_array_equal(one.mean, mean)
+        np.testing.assert_array_equal(one.points()[1], P)
+
+
 def test_time_steps_may_differ_from_call_to_call() -> None:
     """Without a command two halves move the mean as the whole does; noise enters once a step, so P is another."""
     whole, halves = (Filter(camera=random_camera(np.random.default_rng(1))) for _ in range(2))

@@ -272,7 +272,8 @@ class FrontEnd:
         R[~self._template_map.proven(places[row])] *= s.probation**2 if len(self.filter.fiducials) else 1.0
         lens = s.lens_std * (2.0 * np.hypot(*(pixel - self._centre).T) / self._width) ** 2
         astray = s.residual_weight * self._template_map.residuals(places[row])
-        R += (lens**2)[:, None, None] * np.eye(2)
+        lasting = s.lasting_std**2 * self._template_map.alike(places[row])
+        R += (lens**2 + lasting)[:, None, None] * np.eye(2)
         R += astray[:, :, None] * astray[:, None, :]
         out["id"], out["pixel"], out["R"] = id, pixel, R
         out["log_ratio"] = s.score_weight * (findings.score[row, peak] - s.least_score)

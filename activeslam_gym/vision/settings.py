@@ -34,6 +34,7 @@ class FrontEndSettings:
     # Noise and association
     score_weight: float = 25.0  # growth of the log likelihood ratio with the score
     floor_std: float = 0.25  # pixel noise of a perfect template: lens and plane, correlated in time [px]
+    lasting_std: float = 0.0  # error of a template that is the same in all images of a view; adds up over them [px]
     grain: float = 10.0  # inflation of the covariance of the sub-pixel fit
     fiducial_std: float = 0.3  # `floor_std` of a fiducial, whose template is drawn [px]
     fiducial_blur: float = 0.003  # deviation of a fiducial for each pixel a second that it moves: blur shifts it [s]
@@ -73,8 +74,8 @@ class FrontEndSettings:
 
 
 SIGHTED = FrontEndSettings(
-    depth_prior=math.inf, visible=24, least_visible=8, lens_std=0.0, floor_std=0.015, fiducial_std=0.025, grain=1.5,
-    drift=0.6, fiducial_blur=0.001, fiducial_bias_std=0.025, redrawn=0.1, feature_bias_std=0.2, residual_weight=12.0,
-    most_change=0.7, least_score=0.87, most_residual=0.12, probation=1.0, fitted_every=0.05,
+    depth_prior=math.inf, visible=24, least_visible=8, lens_std=0.0, floor_std=0.015, lasting_std=0.02, grain=1.5,
+    fiducial_std=0.025, drift=0.6, fiducial_blur=0.001, fiducial_bias_std=0.025, redrawn=0.1, feature_bias_std=0.2,
+    residual_weight=12.0, most_change=0.7, least_score=0.87, most_residual=0.12, probation=1.0, fitted_every=0.05,
 )  # fmt: skip
 """The front end of a camera whose lens is known, in a room whose map should hold all of it."""

@@ -191,6 +191,7 @@ class TemplateMap:
         self._keep, self._enough = 1.0 - 1.0 / settings.trials, ENOUGH * settings.trials
         self._seen, self._since = np.zeros(rows, np.int64), np.zeros(rows, np.int64)  # last image, and first of a run
         self._fitted_from, self._slope_covariance = np.zeros((rows, 3)), np.zeros((rows, 2, 2))  # of the plane
+        self._alike = np.zeros(rows)  # matches in views that hardly differ from the present one
 
     @property
     def features(self) -> int:
@@ -208,7 +209,7 @@ class TemplateMap:
             for record in (self._tried, self._matched, self._residual):
                 record[place] = 0.0
             self._seen[place] = self._since[place] = frame
-        self._fitted_from[self._place[id]] = camera[:3]
+        self._fitted_from[self._place[id]], self._alike[self._place[id]] = camera[:3], 0.0
         self._slope_covariance[self._place[id]] = _SLOPE_STD**2 * np.eye(2)
         view = view_from(self._camera, camera)
         store(view, self.templates, self._place[id], id, grey, np.asarray(pixel, float), normal)
@@ -241,7 +242,9 @@ class TemplateMap:
         more than one.
         """
         change = changes_of_view(self._fitted_from[places], view.pose, points)
-        for k in np.flatnonzero((change > self._settings.fitted_every) & (self.templates.id[places] > 0)):
+        is_new = (change > self._settings.fitted_every) & (self.templates.id[places] > 0)
+        self._alike[places] = np.where(is_new, 0.0, self._alike[places] + 1.0)
+        for k in np.flatnonzero(is_new):
             self._fit_plane(view, grey, int(places[k]), points[k], pixels[k])
 
     def _fit_plane(self, view: View, grey: np.ndarray, place: int, point: np.ndarray, pixel: np.ndarray) -> None:
@@ -301,6 +304,11 @@ class TemplateMap:
     def residuals(self, places: np.ndarray) -> np.ndarray:
         """(m, 2) the running mean residual of each of the features at ``places`` (m,) [px]; zero for the target."""
         return np.where((self.templates.id[places] > 0)[:, None], self._residual[places], 0.0)
+
+    def alike(self, places: np.ndarray) -> np.ndarray:
+        """(m,) in how many views that hardly differ from the present one each of the features at ``places`` (m,) was
+        matched; zero for the target."""
+        return np.where(self.templates.id[places] > 0, self._alike[places], 0.0)
 
     def proven(self, places: np.ndarray) -> np.ndarray:
         """(m,) which of the features at ``places`` (m,) were matched in as many images as it takes to judge a feature,

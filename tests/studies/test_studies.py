@@ -201,6 +201,11 @@ def test_the_evaluator_sees_the_ground_truth() -> None:
     assert still[0].log2_det_total == pytest.approx(guided[0].log2_det_total, abs=1e-6)  # no advice yet
 
 
+def test_a_camera_that_stays_does_not_grow_sure_of_what_it_sees_wrong() -> None:
+    """Each template has an error that is the same in all images of one view: they tell no more than a few of them."""
+    assert min(one.log_score for one in trial(4_305_200_005, STILL, 8.0)) > 200.0
+
+
 def test_the_log_score_of_the_live_study_is_that_of_the_environment_with_images() -> None:
     """Its N slots have true points: scene points of features, and random points of the room scored by the prior."""
     room = RenderedRoom(5)

@@ -66,10 +66,20 @@ def machine() -> str:
 
 @cache
 def code() -> str:
-    """`BEHAVIOUR` and the commit of the clone, as they stand in a page."""
-    line = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--exclude", "*"]
+    """`BEHAVIOUR` and the commit of the clone, as they stand in a page; "-dirty" where its code has changed since.
+
+    Pages and pictures that a study writes do not change what it measures.
+    """
+    home = Path(__file__).parents[2]
+    own, counted = Path(__file__).relative_to(home).as_posix(), ("*.py", *(f"{name}/*.json" for name in COUNTED))
+
+    def answer(*question: str) -> str:
+        return subprocess.run(["git", "-C", home, *question], capture_output=True, text=True, check=True).stdout.strip()
+
     try:
-        commit = subprocess.run(line, capture_output=True, text=True, check=True).stdout.strip()
+        answer("ls-files", "--error-unmatch", own)  # installed in a clone of something else, it is not one of its files
+        commit = answer("rev-parse", "--short", "HEAD")
+        commit += "-dirty" * bool(answer("diff", "--name-only", "HEAD", "--", *counted))
     except (OSError, subprocess.CalledProcessError):  # installed, not cloned
         commit = "unknown"
     return f"BEHAVIOUR {BEHAVIOUR}, commit {commit}"

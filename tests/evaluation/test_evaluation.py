@@ -1,6 +1,7 @@
 """The evaluator and its store: a batch plays what single episodes play, and a key holds all that a result rests on."""
 
 import json
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -79,6 +80,39 @@ def test_a_key_holds_everything_that_could_change_the_result(tmp_path: Path, mon
             patch.setattr(f"activeslam_gym.evaluation.store.{function}", lambda _: "another")
             assert not is_kept(base), function
     assert is_kept(base)
+
+
+def test_a_page_names_the_commit_and_whether_code_has_changed_since(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A page that the study before has written is no change of code; a clone of something else is not ours."""
+
+    def git(*line: str) -> str:
+        named = ["-c", "user.name=a", "-c", "user.email=a@b.c"]
+        return subprocess.run(["git", "-C", tmp_path, *named, *line], check=True, capture_output=True, text=True).stdout
+
+    def told() -> str:
+        code.code.cache_clear()
+        return code.code().rpartition(" ")[2]
+
+    own, page = tmp_path / "activeslam_gym" / "evaluation" / "code.py", tmp_path / "RESULTS.md"
+    monkeypatch.setattr(code, "__file__", str(own))
+    own.parent.mkdir(parents=True)
+    page.write_text("old")
+    git("init")
+    git("add", "RESULTS.md")
+    git("commit", "-m", "a page")
+    own.write_text("old")
+    assert told() == "unknown"
+    git("add", ".")
+    git("commit", "-m", "the code")
+    commit = git("rev-parse", "--short", "HEAD").strip()
+    page.write_text("new")
+    assert told() == commit
+    own.write_text("new")
+    assert told() == f"{commit}-dirty"
+    monkeypatch.undo()
+    code.code.cache_clear()
 
 
 def test_a_user_s_modules_are_found_without_running_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

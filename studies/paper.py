@@ -71,7 +71,7 @@ def claims(runs: Runs) -> Iterator[list[str]]:
     for name in STRATEGIES:
         yield row(
             "errors stay within 2σ",
-            f"position, {name} [%], over 90; 95.4 by chance",
+            f"position, {name} [%], over 90; 95.4 of a Gaussian",
             measures.within(runs[name]),
             True,
             90.0,

@@ -28,7 +28,14 @@ def sections_of(page: Path) -> dict[str, str]:
 def specification() -> str:
     """The docstring of the environment, which is its specification, in lines as short as those of other pages."""
     text = (inspect.getdoc(ActiveSLAMEnv) or "").partition("\nRaises:")[0].strip()
-    return "\n\n".join(one if one[0] in "|#" else fill(one, 100, break_on_hyphens=False) for one in text.split("\n\n"))
+    return "\n\n".join(one if one[0] in "|#" else _filled(one) for one in text.split("\n\n"))
+
+
+def _filled(paragraph: str) -> str:
+    """A paragraph, or a list whose items stay apart, in lines of up to 100 characters."""
+    given = {"width": 100, "break_on_hyphens": False}
+    items = [" ".join(one.split()) for one in re.split(r"\n(?=- )", paragraph)]
+    return "\n".join(fill(one, subsequent_indent="  " * one.startswith("- "), **given) for one in items)
 
 
 def scenarios() -> str:

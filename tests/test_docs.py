@@ -110,6 +110,11 @@ def cells(notebook: Path, kind: str) -> list[str]:
     return ["".join(cell["source"]) for cell in found if cell["cell_type"] == kind]
 
 
+def test_items_of_a_list_of_the_specification_begin_lines_of_their_own() -> None:
+    items = re.findall(r"^- ", inspect.getdoc(ActiveSLAMEnv) or "", re.MULTILINE)
+    assert len(items) == len(re.findall(r"^- ", TABLES["specification"](), re.MULTILINE)) > 2
+
+
 def test_sections_that_are_made_from_the_code_are_as_it_makes_them() -> None:
     sections = {name: text for page in PAGES for name, text in sections_of(page).items()}
     for name, make in TABLES.items():

@@ -80,7 +80,7 @@ results: leaderboard ## every generated section of the pages and its pictures, a
 	$(RUN) -m docs.tables
 	$(MAKE) consistency figures $(if $(EPISODES),,bench)
 
-figures: $(VENV)/.advice ## the paper's claims and figures, and the live system (an hour or more): docs
+figures: $(VENV)/.advice ## the paper's claims and figures, and the live system (half an hour): docs
 	$(RUN) -m studies.paper --episodes $(or $(EPISODES),100) --jobs $(WORKERS) $(ON) --out results/paper --report docs/paper.md
 	$(MAKE) advice
 

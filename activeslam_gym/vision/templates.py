@@ -191,7 +191,7 @@ class TemplateMap:
         self._keep, self._enough = 1.0 - 1.0 / settings.trials, ENOUGH * settings.trials
         self._seen, self._since = np.zeros(rows, np.int64), np.zeros(rows, np.int64)  # last image, and first of a run
         self._fitted_from, self._slope_covariance = np.zeros((rows, 3)), np.zeros((rows, 2, 2))  # of the plane
-        self._alike = np.zeros(rows)  # matches in views that hardly differ from the present one
+        self._alike = np.zeros(rows)  # matches in nearly the present view
 
     @property
     def features(self) -> int:
@@ -306,8 +306,8 @@ class TemplateMap:
         return np.where((self.templates.id[places] > 0)[:, None], self._residual[places], 0.0)
 
     def alike(self, places: np.ndarray) -> np.ndarray:
-        """(m,) in how many views that hardly differ from the present one each of the features at ``places`` (m,) was
-        matched; zero for the target."""
+        """(m,) how often each of the features at ``places`` (m,) was matched in nearly the present view; zero for the
+        target, whose biases are states."""
         return np.where(self.templates.id[places] > 0, self._alike[places], 0.0)
 
     def proven(self, places: np.ndarray) -> np.ndarray:

@@ -88,10 +88,12 @@ def test_a_page_names_the_commit_and_whether_code_has_changed_since(
     """A page that the study before has written is no change of code; a clone of something else is not ours."""
 
     def git(*line: str) -> str:
-        named = ["-c", "user.name=a", "-c", "user.email=a@b.c"]
-        return subprocess.run(["git", "-C", tmp_path, *named, *line], check=True, capture_output=True, text=True).stdout
+        author = ["-c", "user.name=a", "-c", "user.email=a@b.c"]
+        return subprocess.run(
+            ["git", "-C", tmp_path, *author, *line], check=True, capture_output=True, text=True
+        ).stdout
 
-    def told() -> str:
+    def named() -> str:
         code.code.cache_clear()
         return code.code().rpartition(" ")[2]
 
@@ -103,14 +105,14 @@ def test_a_page_names_the_commit_and_whether_code_has_changed_since(
     git("add", "RESULTS.md")
     git("commit", "-m", "a page")
     own.write_text("old")
-    assert told() == "unknown"
+    assert named() == "unknown"
     git("add", ".")
     git("commit", "-m", "the code")
     commit = git("rev-parse", "--short", "HEAD").strip()
     page.write_text("new")
-    assert told() == commit
+    assert named() == commit
     own.write_text("new")
-    assert told() == f"{commit}-dirty"
+    assert named() == f"{commit}-dirty"
     monkeypatch.undo()
     code.code.cache_clear()
 

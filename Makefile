@@ -29,25 +29,27 @@ consistency: $(VENV)/.demo ## is the filter consistent? 100 episodes of each pol
 
 consistency leaderboard results figures advice: $(if $(CLUSTER),$(VENV)/.cluster)
 
-# SUITE: that the leaderboard shows; v1 is of an older BEHAVIOUR. EPISODES: episodes of each study, for a trial; without bench.
-SUITE    := development
+# SUITE: that the leaderboard shows. EPISODES: episodes of each study, for a trial; without bench.
+SUITE    := v2
 ENTRIES  := best-constant best-sequence sweep orbit random stay mi-mi mi-fisher joint-mi greedy-plus
 BOARD    := $(if $(EPISODES)$(filter development,$(SUITE)),results/entries,agents/suite/entries)
 PLAYED   := --suite $(SUITE) $(if $(EPISODES),--episodes $(EPISODES))
 
-# The learners of Stable-Baselines3 with the defaults of `agents train`, in scenarios that ask for decisions; their weights
-# lie in the entries' folders.
-LEARNERS := ppo a2c dqn sac
+# The learners of Stable-Baselines3 in the scenarios of the suite; their weights lie in the entries' folders.
+LEARNERS := ppo-quick a2c-quick dqn-quick sac-quick ppo-full
 SEEDS    := 0 1 2 3 4
 TRAINED  := $(foreach one,$(LEARNERS),$(SEEDS:%=$(one)-%))
 ASKING   := office+corridor+corner+sprint+noisy+clusters+rooms+gallery-pixels+corner-pixels
-LEARNED  := --scenario $(ASKING) --reward log_score --num-envs 4 --total-steps 40000 --validation-episodes 8 --test-episodes 0
+LEARNED  := --scenario $(ASKING) --test-episodes 0
+QUICK    := --reward log_score --num-envs 4 --total-steps 40000 --validation-episodes 8
+FULL     := --recipe full --num-envs 8 --period 40000 --validation-episodes 24
 
-learners: $(VENV)/.agents ## train five seeds of each learner again (an hour and a half; the same command goes on): weights of their entries
+learners: $(VENV)/.agents ## train five seeds of each learner again (two and a half hours; the same command goes on): weights of their entries
 	printf '%s\n' $(TRAINED) | OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 xargs -P $(WORKERS) -I NAME sh -c 'name=NAME; \
-		exec $(RUN) -m agents train --algorithm $${name%-*} --seed $${name#*-} $(LEARNED) --out results/learners/$$name'
+		case $$name in *-full-*) budget="$(FULL)";; *) budget="$(QUICK)";; esac; \
+		exec $(RUN) -m agents train --algorithm $${name%%-*} --seed $${name##*-} $$budget $(LEARNED) --out results/learners/$$name'
 	for name in $(TRAINED); do for suffix in npz json; do \
-		cp results/learners/$$name/policy.$$suffix agents/suite/entries/$${name%-*}-default/policy-$${name#*-}.$$suffix || exit 1; \
+		cp results/learners/$$name/policy.$$suffix agents/suite/entries/$${name%-*}/policy-$${name##*-}.$$suffix || exit 1; \
 	done; done
 
 CURVES := $(SEEDS:%=office/%) $(foreach seed,0 1 2,clusters/$(seed) rooms/$(seed))
@@ -70,8 +72,10 @@ leaderboard: $(VENV)/.agents $(VENV)/.advice ## play the test episodes of the su
 	$(RUN) -m agents enter --name generalist --policies generalist $(wildcard agents/pretrained/seeds/generalist-*.npz) \
 		--note "imitates older policies in 17 scenarios (DAgger); their training is not counted" $(PLAYED) $(ON) --out $(BOARD)
 	for one in $(LEARNERS); do \
-		$(RUN) -m agents enter --name $$one-default --policies agents/suite/entries/$$one-default/policy-?.npz \
-			--note "$$one of Stable-Baselines3, in the scenarios of the suite" $(PLAYED) $(ON) --out $(BOARD) || exit 1; \
+		case $$one in *-full) decisions="200 000";; *) decisions="40 000";; esac; \
+		$(RUN) -m agents enter --name $$one --policies agents/suite/entries/$$one/policy-?.npz \
+			--note "$${one%-*} of Stable-Baselines3: $$decisions decisions in the suite's scenarios" \
+			$(PLAYED) $(ON) --out $(BOARD) || exit 1; \
 	done
 	$(RUN) -m agents leaderboard $(PLAYED) --entries $(BOARD) --report docs/leaderboard.md README.md
 

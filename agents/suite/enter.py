@@ -27,7 +27,8 @@ from agents.tools.files import alone_in, reading, writable_folder, write_json
 FOLDER, FILE = Path(__file__).with_name("entries"), "entry.json"
 EPISODES = "episodes"  # folder of the store, beside those of entries
 VERSIONS = ("activeslam-gym", *LIBRARIES)
-COST = ("command", "scenario", "seed", "steps", "seconds", "steps_trained", "seconds_trained", "machine")  # of a card
+COST = ("command", "scenario", "seed", "total_steps", "seconds", "steps_trained", "seconds_trained", "machine")
+"""What an entry has of the cards of its weights."""
 TUPLES = ("policies", "contents", "training")
 
 

@@ -6,23 +6,29 @@ with a stratified bootstrap, and the probability of improvement. Failures come f
 mean does not see them.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import csv
+import io
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.figures import grid_of_panels, legend_below, save_figure
 from agents.suite import enter
 from agents.suite.enter import Entry
 from agents.suite.manifest import Suite, suite
 from agents.summary import FEWEST, RESAMPLES, TAILS, Aggregate, aggregate, interquartile_mean
 from agents.tools.arguments import Pages, command_line
-from agents.tools.sections import Table, publish, put_section
+from agents.tools.files import write_text
+from agents.tools.sections import Table, provenance, put_section
 
 Array = NDArray[np.float64]
 SECTION, SHORT = "leaderboard", "board"  # sections of pages: all tables, and a few rows and columns of the first
 SHORT_ROWS, SHORT_COLUMNS = 6, 4
+KINDS = {"learned": ("tab:blue", "o"), "open loop": ("tab:orange", "^"), "other": ("black", "s")}
+"""Colour and marker of each kind of entry in the figure."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,12 +54,16 @@ def main(args: Args) -> int:
     found = [one.first(count) for one in found if one.episodes >= count]
     if not found:
         raise ValueError(f"entries: {str(args.entries)!r} has no whole entry of the suite {of.name!r}")
-    tables = board(of, found)
-    print("\n\n".join(table.aligned() for table in tables))
-    text = "\n\n".join([*(f"### {table.title}\n\n{table.markdown()}" for table in tables), LEGEND])
-    publish(args.report, SECTION, text, command_line("agents leaderboard", args))
+    results = compared(of, found)
+    whole, scenarios = tables(of, results)
+    print(f"{whole.aligned()}\n\n{scenarios.aligned()}")
+    parts = [provenance(command_line("agents leaderboard", args)), f"### {whole.title}", whole.markdown(), LEGEND]
+    text = "\n\n".join([*parts, f"### {scenarios.title}", scenarios.markdown()])
     for page in args.report:
-        put_section(page, SHORT, f"{shortened(tables[0], of, found).markdown()}\n\n{SHORT_LEGEND}")
+        if put_section(page, SECTION, text):
+            write_csv(results, page.with_suffix(".csv"))
+            draw(of, results, page.parent / "images" / f"{SECTION}.png")
+        put_section(page, SHORT, f"{shortened(whole, of, found).markdown()}\n\n{SHORT_LEGEND}")
     return 0
 
 
@@ -69,52 +79,124 @@ LEGEND = (
 SHORT_LEGEND = "IQM: interquartile mean. In brackets: 95 % intervals. Gain: log score gained in the same episode."
 
 
+@dataclass(frozen=True)
+class InScenario:
+    """Results of an entry in one scenario."""
+
+    score: Aggregate  # interquartile mean of the log score gained [bit]
+    lead: Aggregate  # interquartile mean of the lead over the best open-loop entry in the same episode [bit]
+    failures: float  # share of its episodes
+
+
+@dataclass(frozen=True)
+class Result:
+    """An entry and its results."""
+
+    entry: Entry
+    failures: Aggregate  # share of all episodes
+    normalised: Aggregate  # interquartile mean of the normalised score
+    ahead: Aggregate  # probability to gain more than the best open-loop entry in the same episode
+    scenarios: dict[str, InScenario]
+
+
+def compared(of: Suite, found: Sequence[Entry]) -> list[Result]:
+    """The results of the entries, that with the highest normalised score first.
+
+    Raises:
+        ValueError: the entries are not of the same suite and episodes, or no open-loop entry can be the reference.
+    """
+    _check(of, found)
+    best = {one: best_open_loop(of, found, one) for one in of.scenarios}
+    units = np.array([interquartile_mean(loop.gains(one).ravel()) for one, loop in best.items()])
+
+    def result(entry: Entry) -> Result:
+        gains, ahead = all_gains(entry), leads(entry, best)
+        scores, lead = ([bootstrapped(one[None], interquartile_mean) for one in array] for array in (gains, ahead))
+        failed = [float(entry.failed(one).mean()) for one in of.scenarios]
+        each = map(InScenario, scores, lead, failed)
+        return Result(
+            entry,
+            failures(entry),
+            bootstrapped(gains / units[:, None, None], interquartile_mean),
+            bootstrapped(0.5 * (1.0 + np.sign(ahead)), mean),  # ties are halves
+            dict(zip(of.scenarios, each)),
+        )
+
+    return sorted(map(result, found), key=lambda one: -one.normalised.value)
+
+
+def tables(of: Suite, results: Sequence[Result]) -> tuple[Table, Table]:
+    """Every entry in all scenarios together, and in each scenario the best open-loop entry and the best of all."""
+    header = ["entry", "failures, %", "normalised score (IQM)", "probability to gain more, %", "training", "note"]
+    rows = [
+        [
+            one.entry.name,
+            one.failures.text(100.0),
+            one.normalised.text(digits=2),
+            one.ahead.text(100.0, 0),
+            _training(one.entry, of),
+            one.entry.note,
+        ]
+        for one in results
+    ]
+    whole = Table(f"All scenarios: {of.label}, {results[0].entry.episodes} episodes each", header, rows)
+    header = [
+        "scenario",
+        "best open-loop entry",
+        "its log score, bits",
+        "best entry",
+        "its log score, bits",
+        "lead, bits",
+    ]
+    loops = [one for one in results if of.is_open_loop(one.entry.policies)]
+    rows = []
+    for scenario in of.scenarios:
+        loop, best = (max(some, key=lambda one: one.scenarios[scenario].score.value) for some in (loops, results))
+        own = best.scenarios[scenario]
+        cells = [one.text(digits=0) for one in (loop.scenarios[scenario].score, own.score, own.lead)]
+        rows.append([scenario, loop.entry.name, cells[0], best.entry.name, *cells[1:]])
+    return whole, Table("Each scenario", header, rows)
+
+
+def write_csv(results: Sequence[Result], path: Path) -> None:
+    """Write a row for each entry in each scenario."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    bounds = [f"{name}{end}" for name in ("log_score", "lead") for end in ("", "_low", "_high")]
+    writer.writerow(["entry", "scenario", *bounds, "failures"])
+    for one in results:
+        for scenario, own in one.scenarios.items():
+            values = [value for part in (own.score, own.lead) for value in (part.value, part.low, part.high)]
+            writer.writerow([one.entry.name, scenario, *(f"{value:.1f}" for value in values), f"{own.failures:.4f}"])
+    write_text(path, text.getvalue())
+
+
+def draw(of: Suite, results: Sequence[Result], path: Path) -> None:
+    """Draw the normalised score of each entry against its failures, with both intervals."""
+    figure, ((axes,),) = grid_of_panels(1, 1, (7.5, 4.8))
+    for one in results:
+        kind = "learned" if one.entry.training else "open loop" if of.is_open_loop(one.entry.policies) else "other"
+        colour, marker = KINDS[kind]
+        x, y = 100.0 * one.failures.value, one.normalised.value
+        axes.plot([100.0 * one.failures.low, 100.0 * one.failures.high], [y, y], color=colour, linewidth=0.8)
+        axes.plot([x, x], [one.normalised.low, one.normalised.high], color=colour, linewidth=0.8)
+        axes.plot(x, y, marker, color=colour, label=kind)
+        axes.annotate(one.entry.name, (x, y), (4, 4), textcoords="offset points", fontsize=8)
+    axes.set(xlabel="failures, % of all episodes", ylabel="normalised score (interquartile mean)")
+    axes.set_title(f"Entries of the suite {of.name}, with 95 % intervals", fontsize=10)
+    legend_below(figure, [axes])
+    save_figure(figure, path)
+
+
 def shortened(whole: Table, of: Suite, found: Sequence[Entry]) -> Table:
     """The best rows of the table of all scenarios, and that of the best open-loop entry, with its first columns."""
-    loops = {entry.name for entry in found if set(entry.policies) <= set(of.open_loops)}
+    loops = {entry.name for entry in found if of.is_open_loop(entry.policies)}
     names = [row[0] for row in whole.rows]
     best = next(name for name in names if name in loops)
     kept = {best, *[name for name in names if name != best][: SHORT_ROWS - 1]}
     rows = [row[:SHORT_COLUMNS] for row in whole.rows if row[0] in kept]
     header = [title.replace("gain more", "gain more than the best open-loop entry") for title in whole.header]
     return Table(whole.title, header[:SHORT_COLUMNS], rows)
-
-
-def board(of: Suite, found: Sequence[Entry]) -> list[Table]:
-    """The table of all scenarios, the best entry first, and tables with a column for each scenario."""
-    _check(of, found)
-    best = {one: best_open_loop(of, found, one) for one in of.scenarios}
-    units = np.array([interquartile_mean(loop.gains(one).ravel()) for one, loop in best.items()])
-    normalised = {one.name: bootstrapped(all_gains(one) / units[:, None, None], interquartile_mean) for one in found}
-    order = sorted(found, key=lambda entry: -normalised[entry.name].value)
-    ahead = {entry.name: leads(entry, best) for entry in order}
-    whole = [
-        [
-            entry.name,
-            failures(entry).text(100.0),
-            normalised[entry.name].text(digits=2),
-            bootstrapped(0.5 * (1.0 + np.sign(ahead[entry.name])), mean).text(100.0, 0),  # ties are halves
-            _training(entry, of),
-            entry.note,
-        ]
-        for entry in order
-    ]
-
-    def in_each(title: str, cells: Callable[[Entry], Iterable[str]]) -> Table:
-        return Table(title, ["entry", *of.scenarios], [[entry.name, *cells(entry)] for entry in order])
-
-    def iqms(scores: Array) -> list[str]:
-        return [bootstrapped(one[None], interquartile_mean).text(digits=0) for one in scores]
-
-    header = ["entry", "failures, %", "normalised score (IQM)", "probability to gain more, %", "training", "note"]
-    lead = "Lead over the best open-loop entry in the same episode, bits (IQM)"
-    return [
-        Table(f"All scenarios: {of.label}, {found[0].episodes} episodes each", header, whole),
-        in_each("Log score gained, bits (IQM)", lambda entry: iqms(all_gains(entry))),
-        in_each(lead, lambda entry: iqms(ahead[entry.name])),
-        in_each("Failures, %", lambda entry: (f"{100.0 * entry.failed(one).mean():.1f}" for one in of.scenarios)),
-        Table("The best open-loop entry", ["scenario", "entry"], [[one, loop.name] for one, loop in best.items()]),
-    ]
 
 
 def best_open_loop(of: Suite, found: Sequence[Entry], scenario: str) -> Entry:
@@ -127,7 +209,7 @@ def best_open_loop(of: Suite, found: Sequence[Entry], scenario: str) -> Entry:
     def gained(entry: Entry) -> float:
         return float(interquartile_mean(entry.gains(scenario).ravel()))
 
-    loops = [entry for entry in found if set(entry.policies) <= set(of.open_loops)]
+    loops = [entry for entry in found if of.is_open_loop(entry.policies)]
     if not loops:
         raise ValueError(f"entries: none of an open loop; allowed: at least one of {', '.join(of.open_loops)}")
     best = max(loops, key=gained)
@@ -183,13 +265,15 @@ def mean(scores: Array) -> Array:
 
 
 def _training(entry: Entry, of: Suite) -> str:
-    """Training seeds and time, by the cards of weights; an own policy has no card."""
+    """Training seeds, decisions and time, by the cards of weights; an own policy has no card."""
     count, few = len(entry.policies), " (few)" if len(entry.policies) < of.training_seeds else ""
     if not entry.training:
         return "not stated" if any(":" in one or one.endswith(".zip") for one in entry.policies) else "none"
     seconds = [float(one.get("seconds_trained", one.get("seconds", np.nan))) for one in entry.training]
+    decisions = max(int(one.get("total_steps", 0)) for one in entry.training)
+    budget = f", {decisions:,} decisions" if decisions else ""
     time = "" if np.isnan(seconds).any() else f", {np.mean(seconds) / 60.0:.0f} min each"
-    return f"{count} seeds{few}{time}"
+    return f"{count} seeds{few}{budget}{time}"
 
 
 def _read(path: Path) -> Entry:

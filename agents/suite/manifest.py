@@ -10,6 +10,7 @@ A suite without a draw is for development: anyone may look at its episodes, thos
 import csv
 import hashlib
 import json
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -54,6 +55,10 @@ class Suite:
         if not self.commit:
             return list(range(benchmark_seed(scenario), benchmark_seed(scenario) + episodes))
         return [drawn_seed(self.commit, scenario, index) for index in range(episodes)]
+
+    def is_open_loop(self, policies: Collection[str]) -> bool:
+        """Whether all these policies are its open loops."""
+        return set(policies) <= set(self.open_loops)
 
     def environment(self, scenario: str) -> dict[str, Any]:
         """The arguments of `task.make_environment` for a scenario."""

@@ -1,5 +1,6 @@
 """The benchmark: seeds that were unknown before, entries, and their verification."""
 
+import csv
 import hashlib
 import json
 import re
@@ -253,23 +254,33 @@ def of_scores(name: str, scores: Any, **changes: Any) -> Entry:
     return Entry(**(values | {"name": name, "policies": names, "training": training} | changes))
 
 
-def test_the_board_of_made_up_scores(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_board_of_made_up_scores(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(leaderboard, "RESAMPLES", 60)
     episodes = np.arange(20.0)
     loops = [of_scores("stay", [50.0 + 0.0 * episodes]), of_scores("sweep", [100.0 + 0.0 * episodes])]
     learned = of_scores("mine", [150.0 + episodes - 9.5 + run for run in (-1.0, 0.0, 1.0)], note="as it is")
     wrong = of_scores("sure", [np.where(episodes < 5, -1e6, 400.0)])  # it fails in a quarter of its episodes
-    whole, each, leads, failed, best = leaderboard.board(suite("development"), [*loops, learned, wrong])
+    of = suite("development")
+    results = leaderboard.compared(of, [*loops, learned, wrong])
+    whole, each = leaderboard.tables(of, results)
     rows = {row[0]: row[1:] for row in whole.rows}
     assert [row[0] for row in whole.rows] == ["sure", "mine", "sweep", "stay"]
-    assert {row[1] for row in best.rows} == {"sweep"}
+    assert {row[1] for row in each.rows} == {"sweep"} and {row[3] for row in each.rows} == {"sure"}
     assert rows["sweep"][1:] == ["1.00 [1.00, 1.00]", "50 [50, 50]", "none", ""]  # ties are halves
     assert rows["mine"][1].startswith("1.50 [1.4") and rows["mine"][2] == "100 [100, 100]"
     assert rows["mine"][0] == "0.0 [0.0, 2.3]"  # none of 160 failed, whatever the number of training seeds
     assert rows["sure"][0].startswith("25.0 [") and rows["sure"][2].startswith("75 [")
-    assert dict(zip(each.header, each.rows[2]))["office"] == "100 [100, 100]"
-    assert [row[1] for row in leads.rows][2:] == ["0 [0, 0]", "-50 [-50, -50]"] and leads.rows[1][1].startswith("50 [4")
-    assert [row[1] for row in failed.rows] == ["25.0", "0.0", "0.0", "0.0"]
+    assert each.rows[0][2] == "100 [100, 100]" and each.rows[0][4].startswith("400 [")
+    first = [one.scenarios[of.scenarios[0]] for one in results]
+    assert [one.lead.text(digits=0) for one in first][2:] == ["0 [0, 0]", "-50 [-50, -50]"]
+    assert first[1].lead.text(digits=0).startswith("50 [4") and [one.failures for one in first] == [0.25, 0.0, 0.0, 0.0]
+    leaderboard.write_csv(results, tmp_path / "board.csv")
+    with (tmp_path / "board.csv").open() as file:
+        kept = list(csv.DictReader(file))
+    assert len(kept) == 4 * len(of.scenarios)
+    assert (kept[0]["entry"], kept[0]["log_score"], kept[0]["failures"]) == ("sure", "400.0", "0.2500")
+    leaderboard.draw(of, results, tmp_path / "board.png")
+    assert (tmp_path / "board.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_entries_that_cannot_be_compared_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -282,7 +293,7 @@ def test_entries_that_cannot_be_compared_are_refused(monkeypatch: pytest.MonkeyP
         ([loop, of_scores("mine", [[1.0, 2.0]], manifest="0")], "another manifest"),
     ):
         with pytest.raises(ValueError, match=message):
-            leaderboard.board(suite("development"), others)
+            leaderboard.compared(suite("development"), others)
 
 
 def test_the_leaderboard_is_made_from_a_folder(entered: Path, tmp_path: Path) -> None:

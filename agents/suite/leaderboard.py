@@ -27,7 +27,7 @@ from agents.tools.sections import Table, provenance, put_section
 Array = NDArray[np.float64]
 SECTION, SHORT = "leaderboard", "board"  # sections of pages: all tables, and a few rows and columns of the first
 SHORT_ROWS, SHORT_COLUMNS = 6, 4
-KINDS = {"learned": ("tab:blue", "o"), "open loop": ("tab:orange", "^"), "other": ("black", "s")}
+KINDS = {"learned": ("tab:blue", "o"), "open loop": ("tab:orange", "^"), "greedy and others": ("black", "s")}
 """Colour and marker of each kind of entry in the figure."""
 
 
@@ -174,14 +174,23 @@ def write_csv(results: Sequence[Result], path: Path) -> None:
 def draw(of: Suite, results: Sequence[Result], path: Path) -> None:
     """Draw the normalised score of each entry against its failures, with both intervals."""
     figure, ((axes,),) = grid_of_panels(1, 1, (7.5, 4.8))
+    labelled: list[tuple[float, float]] = []
     for one in results:
-        kind = "learned" if one.entry.training else "open loop" if of.is_open_loop(one.entry.policies) else "other"
+        kind = (
+            "learned"
+            if one.entry.training
+            else "open loop"
+            if of.is_open_loop(one.entry.policies)
+            else "greedy and others"
+        )
         colour, marker = KINDS[kind]
         x, y = 100.0 * one.failures.value, one.normalised.value
         axes.plot([100.0 * one.failures.low, 100.0 * one.failures.high], [y, y], color=colour, linewidth=0.8)
         axes.plot([x, x], [one.normalised.low, one.normalised.high], color=colour, linewidth=0.8)
         axes.plot(x, y, marker, color=colour, label=kind)
-        axes.annotate(one.entry.name, (x, y), (4, 4), textcoords="offset points", fontsize=8)
+        above = not any(abs(x - a) < 6.0 and abs(y - b) < 0.03 for a, b in labelled)  # two labels fit at one place
+        axes.annotate(one.entry.name, (x, y), (4, 4 if above else -11), textcoords="offset points", fontsize=8)
+        labelled.append((x, y))
     axes.set(xlabel="failures, % of all episodes", ylabel="normalised score (interquartile mean)")
     axes.set_title(f"Entries of the suite {of.name}, with 95 % intervals", fontsize=10)
     legend_below(figure, [axes])

@@ -176,13 +176,8 @@ def draw(of: Suite, results: Sequence[Result], path: Path) -> None:
     figure, ((axes,),) = grid_of_panels(1, 1, (7.5, 4.8))
     labelled: list[tuple[float, float]] = []
     for one in results:
-        kind = (
-            "learned"
-            if one.entry.training
-            else "open loop"
-            if of.is_open_loop(one.entry.policies)
-            else "greedy and others"
-        )
+        kind = "open loop" if of.is_open_loop(one.entry.policies) else "greedy and others"
+        kind = "learned" if one.entry.training else kind
         colour, marker = KINDS[kind]
         x, y = 100.0 * one.failures.value, one.normalised.value
         axes.plot([100.0 * one.failures.low, 100.0 * one.failures.high], [y, y], color=colour, linewidth=0.8)

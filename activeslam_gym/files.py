@@ -69,13 +69,13 @@ class Lines:
 
 
 def text_of(path: str | os.PathLike[str], most: int = 2**20) -> str:
-    """The text in a file of at most ``most`` characters; no more is read.
+    """The text in a file of at most ``most`` characters, without a byte order mark; no more is read.
 
     Raises:
         OSError: it cannot be read.
         ValueError: it is longer, or is not in UTF-8.
     """
-    with open(path, encoding="utf-8") as file:
+    with open(path, encoding="utf-8-sig") as file:
         try:
             text = file.read(most + 1)
         except UnicodeDecodeError:

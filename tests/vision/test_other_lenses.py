@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -124,7 +125,10 @@ EIGHT += "Camera.k1: 0.01\nCamera.k2: -0.003\nCamera.k3: 0.001\nCamera.k4: 0.000
 BASALT = (
     '{{"value0": {{"intrinsics": [{{"camera_type": "{}", "intrinsics": {{"fx": 500, "fy": 502, "cx": 310, "cy": 245, '
 )
-BASALT += '"k1": 0.01, "k2": -0.003, "k3": 0.001, "k4": 0.0002}}}}], "resolution": [[640, 480]]}}}}'
+BASALT += '"k1": 0.01, "k2": -0.003, "k3": 0.001, "k4": 0.0002}}}}], "resolution": [[640, 480]], '
+BASALT += '"calib_accel_bias": [0.0, 0.0]}}}}'
+SIZE: dict[str, Any] = {"width": 640, "height": 480}
+FX = SIZE | {"fx": 500, "fy": 502, "cx": 310, "cy": 245}
 
 RADIAL_FILES = {
     "kalibr": "cam0:\n" + KALIBR.format("pinhole", "radtan", RADIAL),
@@ -140,6 +144,10 @@ RADIAL_FILES = {
     "fourteen": ROS.format("rational_polynomial", listed(RADIAL, 10), K),
     "opencv, JSON": json.dumps(OPENCV, indent="\t"),
     "opencv, XML": XML,
+    "opencv, XML alone": XML.partition("\n")[2].replace("<camera_", "<fisheye_model>0</fisheye_model><camera_"),
+    "opencv, tutorial": json.dumps(SIZE | {"mtx": MATRIX.tolist(), "dist": [[*json.loads(RADIAL), 0]]}),
+    "cameras from 0": "".join(f"camera{k}:\n{KALIBR.format('pinhole', 'radtan', RADIAL)}" for k in (0, 1)),
+    "no space, a comment first": "# mine\n%YAML:1.0\n---\n" + ROS.format("plumb_bob", RADIAL, K).replace("K: ", "K:"),
     "camodocal": CAMODOCAL.format("PINHOLE", BENT, FOUR),
     "orb-slam": ORB,
     "colmap": "# Camera list\n1 OPENCV 640 480 500 502 310.5 245.5 0.05 -0.02 0.001 -0.0005\n2 FOV 9 9 9 9 9 9 9\n",
@@ -150,6 +158,8 @@ FISHEYE_FILES = {
     "camodocal": CAMODOCAL.format("KANNALA_BRANDT", "", KANNALA),
     "orb-slam": EIGHT,
     "basalt": BASALT.format("kb4"),
+    "a flag": json.dumps(FX | {"fisheye": True, "D": json.loads(FISHEYE)}),
+    "a mask's flag": CAMODOCAL.format("KANNALA_BRANDT", "fisheye: 0\n", KANNALA),
     "colmap": "2 OPENCV_FISHEYE 640 480 500 502 310.5 245.5 0.01 -0.003 0.001 0.0002\n",
 }
 FILES = [(False, name, text) for name, text in RADIAL_FILES.items()]
@@ -174,7 +184,7 @@ def test_what_opencv_alone_can_hold_is_read(tmp_path: Path) -> None:
     none = lens_in("cam0:\n" + KALIBR.format("pinhole", "none", "[]"), tmp_path)
     assert not none.fisheye and not none.coefficients.any()
     skewed = lens_in(ROS.format("plumb_bob", RADIAL, K.replace("500, 0", "500, 0.0005")), tmp_path)
-    assert skewed.matrix[0, 1] == 0.0005
+    assert skewed.matrix[0, 1] == lens_in(json.dumps(FX | {"skew": 0.0005}), tmp_path).matrix[0, 1] == 0.0005
     prism = lens_in(ROS.format("''", "[0.1, -0.05, 0, 0, 0.01, 0.2, -0.03, 0.004, 0.01, 0, 0, 0, 0, 0]", K), tmp_path)
     assert prism.coefficients.tolist() == [0.1, -0.05, 0.0, 0.0, 0.01, 0.2, -0.03, 0.004, 0.01, 0.0, 0.0, 0.0]
     assert lens_in("7 SIMPLE_RADIAL_FISHEYE 640 480 500 310 245 0.1", tmp_path).coefficients.tolist() == [0.1, 0, 0, 0]
@@ -196,7 +206,7 @@ def test_a_camera_is_chosen_by_name_or_number(camera: str, tmp_path: Path) -> No
         *((KALIBR.format(model, "none", "[]"), model) for model in ("ds", "eucm", "omni")),
         (KALIBR.format("pinhole", "fov", "[0.9]"), "fov"),
         (KALIBR.format("pinhole", "none", RADIAL), "no distortion"),
-        (KALIBR.format("pinhole", "radtan", RADIAL).replace("distortion_coeffs", "distorsion_coeffs"), "missing"),
+        (KALIBR.format("pinhole", "radtan", RADIAL).replace("distortion_coeffs", "distorsion_coeffs"), "distorsion"),
         (KALIBR.format("fisheye", "radtan", RADIAL), "contradict"),
         (CAMODOCAL.format("MEI", BENT, FOUR), "MEI"),
         (BASALT.format("ds"), "ds"),
@@ -204,6 +214,20 @@ def test_a_camera_is_chosen_by_name_or_number(camera: str, tmp_path: Path) -> No
         (ROS.format("equidistant", "[0.1, 0.1, 0.1, 0.1, 0.1]", K), "5 coefficients"),
         (ROS.format("plumb_bob", RADIAL, K) + ROI.format(2, 0, 0, 0, 0), "binning_x"),
         (ROS.replace("480", "480.5").format("plumb_bob", RADIAL, K), "480.5"),
+        *((json.dumps(FX | {name: [0.1, 0.2]}), name) for name in ("distortion", "coeffs", "radial", "alpha", "t1")),
+        *((json.dumps(FX | {name: "fov"}), "'fov'") for name in ("lens_model", "distortion", "projection")),
+        (json.dumps(FX | {"fx": 0.78}), "focal lengths .* 0.78"),
+        (json.dumps(FX | {"fx": "500,5"}), "fx must be finite numbers, got '500,5'"),
+        (json.dumps(FX | {"width": 0}), r"image_width .*\[0.0, 480.0\]"),
+        (json.dumps(FX | {"D": [0.1, 0.1, 0, 0, 0.1, 0.1]}), "6 coefficients"),
+        (json.dumps({"resolution": 0.5, "cameras": [{"K": json.loads(K), "D": []}]}), "0.5"),
+        (json.dumps({"camera1": {}, "a": 1, "a.b": 2}), "mapping"),
+        ('{"fx": 500, "fx": 502}', "fx is there twice"),
+        (ROS.format("plumb_bob", RADIAL, K) + "D: []\n", "D is there twice"),
+        (ROS.format("plumb_bob", RADIAL, K) + "---\n" + ROS.format("plumb_bob", "[]", K), "they differ"),
+        (ROS.format("plumb_bob", RADIAL, K) + "roi: {width: 320, height: 240}\n", "x_offset"),
+        ("model_type: SCARAMUZZA\npoly_parameters:\n   p0: -110\n", "missing; .* SCARAMUZZA"),
+        ("458 457 367 248 0\n752 480\ncrop\n640 480\n", "camera_matrix"),
         ("xi: 1.2\n" + ROS.format("", RADIAL, K), "xi"),
         ("# a comment\n\n3 SIMPLE_DIVISION 640 480 500 320 240 0.9\n" + RADIAL_FILES["colmap"], "SIMPLE_DIVISION"),
         ('{"w": 640, "h": 480, "fl_x": 500, "fl_y": 500, "cx": 320, "cy": 240, "camera_model": "OPENCV"}', "COLMAP"),
@@ -214,3 +238,6 @@ def test_a_camera_is_chosen_by_name_or_number(camera: str, tmp_path: Path) -> No
 def test_what_is_not_known_is_refused_by_name(text: str, word: str, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=word):
         lens_in(text, tmp_path)
+    (tmp_path / "lens.json").write_text(text)
+    with pytest.raises(ValueError, match="lens.json"):
+        lens_from(tmp_path / "lens.json")

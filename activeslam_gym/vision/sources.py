@@ -11,6 +11,7 @@ import re
 import sys
 import time
 from collections.abc import Iterable, Iterator
+from operator import length_hint
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,13 +26,14 @@ PICTURES = (".png", ".pgm", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", "
 """Endings of the pictures that a folder is searched for."""
 LISTS = (".txt", ".csv")
 """Endings of files with times, and names, of images."""
+_LINE = re.compile(r"""([^\s,;]+)([\s,;]+"?(?P<name>.+?\.[a-zA-Z]\w+)(["\s,;].*)?)?""")  # of a list
 CAMERA = "camera:"
 """The name of a live camera begins with it; its number follows."""
 USUAL_RATE = 30.0
 """Images a second [Hz] where nothing tells."""
 _TURNS = {6: -1, 8: 1}  # quarter turns to the left of EXIF's Orientation
 _CLOCK, _NEVER, _NANOSECONDS = 1e8, 1e11, 1e17  # a name over the first is a time [s]; over the last it is in ns
-_RATES = 0.05, 1e4  # fewest and most images a second that times can tell [Hz]
+_RATES = 0.5, 1e4  # fewest and most images a second that times can tell [Hz]
 
 
 class SourceError(ValueError):
@@ -96,9 +98,8 @@ def images_of(
             raise ValueError(f"{times or path}: times must increase, and time {steps.argmin() + 2} does not")
         own = 1.0 / float(np.median(steps))
         if not _RATES[0] <= own <= _RATES[1]:
-            raise ValueError(
-                f"{times or path}: times must be in s, or in ns since 1970; by these, {own:.3g} images a second"
-            )
+            said = f"by these, {own:.3g} images a second, and {_RATES[0]:g} to {_RATES[1]:g} are allowed"
+            raise ValueError(f"{times or path}: times must be in s, or in ns since 1970; {said}")
     if rate and own and abs(rate / own - 1.0) > 0.02:
         print(f"{path} has {own:.2f} images a second by its times, and --rate is {rate:g}", file=sys.stderr)
     elif stamps and not rows and not rate:
@@ -117,15 +118,16 @@ def read_times(path: str | Path) -> list[tuple[float, str]]:
     """
     rows = list[tuple[float, str]]()
     for number, line in enumerate(text_of(path, 2**24).splitlines(), 1):
-        stamp, _, name = line.strip().replace(",", " ").partition(" ")
-        if not stamp or stamp.startswith("#"):
+        if not line.strip() or line.lstrip().startswith("#"):
             continue
         try:
-            rows.append((_seconds(float(stamp)), name.split()[0] if name.strip() else ""))
+            parts = _LINE.fullmatch(line.strip()) or {1: "", "name": ""}
+            rows.append((_seconds(float(parts[1])), (parts["name"] or "").replace("\\", "/")))
         except ValueError:
-            raise ValueError(f"{path}: line {number} must begin with a time [s] or [ns], got {line[:60]!r}") from None
-    if not rows:
-        raise ValueError(f"{path} holds no time")
+            form = "a time in s, or in ns since 1970, and may name a picture"
+            raise ValueError(f"{path}: line {number} must have {form}, got {line[:60]!r}") from None
+    if not rows or len({not name for _, name in rows}) > 1:
+        raise ValueError(f"{path} names a picture in some lines only" if rows else f"{path} holds no time")
     return rows
 
 
@@ -140,18 +142,22 @@ def _times_in(names: list[str]) -> list[float]:
     """The times in pictures' names, where all have one of TUM's or EuRoC's kind."""
     numbers = [float(name) for name in names if re.fullmatch(r"\d+(\.\d+)?", name)]
     clocks = [_seconds(x) for x in numbers if _CLOCK < x <= _NEVER or x > _NANOSECONDS]
+    if len(clocks) < len(names) and max(numbers, default=0.0) > _NEVER:
+        print("the pictures' names are not used as times: not all are in s, or in ns since 1970", file=sys.stderr)
     return clocks if len(clocks) == len(names) else []
 
 
 def _at_times(files: list[Path], rows: list[tuple[float, str]], times: str | Path) -> tuple[list[Path], list[float]]:
     """The ``files`` that are named in the ``rows`` of ``times``, or all, and their times."""
     if all(name for _, name in rows):
-        known = {file.name: file for file in files}
+        known, count = {file.name: file for file in files}, len(files)
         rows = [(stamp, Path(name).name) for stamp, name in rows if Path(name).name in known]
-        if len(rows) < len(files):
+        if 0 < len(rows) < len(files):
             print(f"{times} names {len(rows)} of {len(files)} images, which are used", file=sys.stderr)
         files = [known[name] for _, name in rows]
-    if len(rows) != len(files) or not rows:
+        if not rows or len(known) < count:
+            raise ValueError(f"{times} must name pictures of different names, and names {len(rows)} of {count} images")
+    if len(rows) != len(files):
         raise ValueError(f"{times} has {len(rows)} times, and there are {len(files)} images")
     return files, [stamp for stamp, _ in rows]
 
@@ -165,7 +171,10 @@ def _picture_files(path: str | Path, rows: list[tuple[float, str]]) -> list[Path
     folder = Path(path)
     if folder.is_file() and folder.suffix.lower() in LISTS:
         beside = ((folder.parent / name, folder.parent / "data" / name) for _, name in rows)
-        return [near if near.is_file() else inside for near, inside in beside]
+        files = [near if near.is_file() else inside for near, inside in beside]
+        if gone := [name for (_, name), file in zip(rows, files) if not file.is_file()]:
+            raise SourceError(f"{path} must name pictures beside it, or in data/; there is no {gone[0]!r}")
+        return files
     if folder.is_file():
         return [folder]
     if folder.is_dir():
@@ -180,6 +189,8 @@ def _picture_files(path: str | Path, rows: list[tuple[float, str]]) -> list[Path
             nothing = f"there is no {path}; allowed: a folder, a pattern, a list, a video, or {CAMERA}0"
     if not files:
         raise SourceError(nothing)
+    if len({file.with_suffix("") for file in files}) < len(files):
+        raise SourceError(f"{path} holds pictures with one name and several endings: choose one, as '{path}/*.png'")
     return files
 
 
@@ -215,6 +226,8 @@ def _timed(images: Iterator[_Stored], clock: Iterator[float] | None, size: tuple
             raise SourceError(f"{name} has no time after that of the image before: give --rate, or more --times")
         last = stamp
         yield stamp - first, grey
+    if clock and (left := length_hint(clock)):
+        print(f"{left} times are left over after the last image: are they of these images?", file=sys.stderr)
 
 
 def _grey(pixels: np.ndarray) -> np.ndarray:

@@ -43,7 +43,8 @@ def test_numbers_in_names_are_ordered_as_numbers(tmp_path) -> None:
 LISTS = {
     "rgb.txt": "# color images\n# timestamp filename\n" + "".join(f"{100 + 0.05 * k} rgb/{k}.png\n" for k in range(4)),
     "data.csv": "#timestamp [ns],filename\n" + "".join(f"{START + k * 50000000},{k}.png\r\n" for k in range(4)),
-    "times.txt": "100.0\n100.05\n\n100.1\n100.15\n",
+    "times.txt": "\ufeff100.0\n100.05\n\n100.1\n100.15\n",
+    "quoted.txt": "".join(f'{100 + 0.05 * k}\t;"rgb\\{k}.png"\n' for k in range(4)),
 }
 
 
@@ -83,6 +84,11 @@ def test_a_list_chooses_and_says_so(tmp_path, capsys) -> None:
             ("0\n50000000\n100000000\n150000000\n", "in ns since"),
             ("a\n", "line 1"),
             ("inf\n", "line 1"),
+            ("0,0\n0,1\n0,2\n0,3\n", "line 1 .* '0,0'"),
+            ("0.1 1 2 3 0 0 0 1\n", "line 1"),
+            ("0\n10\n20\n30\n", "0.1 images a second, and 0.5 to"),
+            ("1 3.png\n2\n3\n4\n", "in some lines"),
+            ("1 3.jpg\n2 2.jpg\n", "0 of 4 images"),
             ("", "no time"),
         ),
     ],
@@ -92,6 +98,33 @@ def test_a_bad_list_is_refused(text: str, word: str, tmp_path) -> None:
     pictures(tmp_path / "a", [f"{k}.png" for k in range(4)])
     with pytest.raises(ValueError, match=word):
         images_of(tmp_path / "a", times=tmp_path / "times.txt")
+
+
+@pytest.mark.parametrize(
+    ("names", "images", "times", "word"),
+    [
+        (["0.png"], "times.txt", "1 a/0.png\n2 a/1.png\n", "no 'a/1.png'"),
+        (["0.png"], "times.txt", "1\n2\n", "no ''"),
+        (["0.png", "0.jpg"], "a", None, "several endings"),
+        (["x/0.png", "y/0.png"], "a/*/*.png", "1 0.png\n2 0.png\n", "different names"),
+    ],
+)
+def test_pictures_that_are_not_one_sequence_are_refused(names, images, times, word, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for folder in {Path("a", name).parent for name in names}:
+        pictures(folder, [name.split("/")[-1] for name in names if Path("a", name).parent == folder])
+    if times:
+        Path("times.txt").write_text(times)
+    with pytest.raises(ValueError, match=word):
+        images_of(images, times="times.txt" if times and images != "times.txt" else None)
+
+
+def test_times_that_are_not_used_are_told(tmp_path, capsys) -> None:
+    pictures(tmp_path / "a", [f"{START // 1000000 + k * 50}.png" for k in range(4)])
+    assert images_of(tmp_path / "a").rate == 30.0 and "not used as times" in capsys.readouterr().err
+    (tmp_path / "times.txt").write_text(LISTS["times.txt"])
+    assert len(list(images_of(video(tmp_path / "b.mkv", [0, 50]), times=tmp_path / "times.txt").frames)) == 2
+    assert "2 times are left over" in capsys.readouterr().err
 
 
 def test_times_in_names_are_used_unless_a_rate_is_given(tmp_path, capsys) -> None:
@@ -239,7 +272,11 @@ TABLE = [
     ("track", {"calibration": "infinite.json"}, "distortion 1 bends the image's corners beyond infinity; with this"),
     ("track", {"calibration": "list.json"}, "--calibration: list.json must hold a JSON object"),
     ("track", {"calibration": "words.json"}, "--calibration: words.json is no JSON"),
-    ("track", {"calibration": "board.json"}, "board.json holds no lens of OpenCV, ROS, Kalibr, ORB-SLAM or COLMAP: focal_px, "),
+    (
+        "track",
+        {"calibration": "board.json"},
+        "board.json holds no lens of OpenCV, ROS, Kalibr, ORB-SLAM or COLMAP: focal_px, ",
+    ),
     ("track", {"calibration": "none.json"}, "--calibration: none.json: No such file or directory"),
     ("track", {"calibration": "locked.json"}, "--calibration: locked.json: Permission denied"),
     ("track", {"target": "lens.json"}, "--target: lens.json lacks corners_px, height, kind, width"),

@@ -27,7 +27,11 @@ BELIEF = """\
 #%TANGENT_ORDER translation_rotation
 #%ROTATION_PARAM axis_angle
 """
-"""The first lines of a belief as `smfeval` 0.4 reads it: T = T_file Exp(xi), and a row has xi's covariance."""
+"""The first lines of a belief as `smfeval` 0.4 reads it: T = T_file Exp(xi), and a row has xi's covariance.
+
+Its NEES of poses follows this convention. Its scores of relative poses and its CRPS take xi's axes for the world's
+(findings/smfeval_takes_body_axes_for_world_axes.sh), so they depend on the heading.
+"""
 _HALF_TURN = np.array((0.0, 0.0, 0.0, 1.0))  # quaternion of diag(-1, -1, 1)
 
 

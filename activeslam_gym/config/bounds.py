@@ -7,6 +7,8 @@ from collections.abc import Callable
 from enum import Enum
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
+from activeslam_gym.registry import did_you_mean
+
 MOST_FRAMES = 10**9
 """The longest duration in frames."""
 
@@ -18,6 +20,8 @@ class Bound(NamedTuple):
     """Completes the message "scenario.pixel_std must be ..."."""
     holds: Callable[[Any], bool]
     """Whether a value meets it. The first bound of a type takes values of any type."""
+    words: tuple[str, ...] = ()
+    """What a mistyped value may have meant."""
 
 
 def is_number(value: Any) -> bool:
@@ -32,7 +36,7 @@ def is_tuple(value: Any, length: int | None, holds: Callable[[Any], bool] = lamb
 
 def among(*words: str) -> Bound:
     """One of these strings."""
-    return Bound(f"one of {', '.join(words)}", lambda value: isinstance(value, str) and value in words)
+    return Bound(f"one of {', '.join(words)}", lambda value: isinstance(value, str) and value in words, words)
 
 
 def _number(allowed: str, holds: Callable[[Any], bool] = lambda x: True, none: bool = False) -> Bound:
@@ -110,15 +114,16 @@ class Settings:
             value = plain(getattr(self, name))
             object.__setattr__(self, name, value)
             for bound in bounds:
-                self._demand(name, bound.holds(value), bound.allowed)
+                self._demand(name, bound.holds(value), bound.allowed, bound.words)
         self._check()
 
     def _check(self) -> None:
         """Test conditions that bind several fields. An override calls this one first: each subject adds its own."""
 
-    def _demand(self, name: str, holds: bool, allowed: str) -> None:
+    def _demand(self, name: str, holds: bool, allowed: str, words: tuple[str, ...] = ()) -> None:
         if not holds:
-            raise ValueError(f"scenario.{name} must be {allowed}, got {getattr(self, name)!r}")
+            value = getattr(self, name)
+            raise ValueError(f"scenario.{name} must be {allowed}, got {value!r:.300}{did_you_mean(value, words)}")
 
 
 def positive_number(name: str, value: Any, unit: str) -> float:
@@ -154,16 +159,16 @@ def whole_multiple(name: str, value: Any, unit_name: str, unit: float, most: int
 
 
 def plain(value: Any, levels: int = 3) -> Any:
-    """The value with tuples for lists, Python's numbers for scalars of NumPy, and values for members of enums.
+    """The value with tuples for lists and arrays, Python's numbers for scalars of NumPy, and values of enums' members.
 
     An ellipsis replaces parts that are nested deeper than ``levels``, more than any field needs: messages stay short.
     """
+    if hasattr(value, "tolist") and not callable(value):  # an array or a scalar of NumPy
+        value = value.tolist()
     if isinstance(value, (list, tuple, dict)) and levels == 0:
         return ...
     if isinstance(value, (list, tuple)):
         return tuple(plain(part, levels - 1) for part in value)
     if isinstance(value, dict):
         return {name: plain(part, levels - 1) for name, part in value.items()}
-    if isinstance(value, Enum):
-        return value.value
-    return value.item() if getattr(value, "shape", None) == () else value
+    return value.value if isinstance(value, Enum) else value

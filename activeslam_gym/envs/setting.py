@@ -19,6 +19,7 @@ from activeslam_gym.config import (
     WALL,
     Scenario,
     did_you_mean,
+    plain,
     positive_number,
     scenario_from,
     whole_multiple,
@@ -109,7 +110,7 @@ def resolve(
     step_time = frames_per_step * frame
     steps_per_motion = whole_multiple("motion_period", motion_period, "gaze_period", step_time, most // frames_per_step)
     steps = whole_multiple("duration", duration, "gaze_period", step_time)
-    if not isinstance(end_when_lost, bool):
+    if not isinstance(end_when_lost := plain(end_when_lost), bool):
         raise ValueError(f"end_when_lost must be True or False, got {end_when_lost!r}")
     task = filled(
         TASK,

@@ -50,7 +50,7 @@ OUT_OF_BOUNDS: tuple[tuple[str, str, tuple[Any, ...]], ...] = (
     ("varied", VARIED, ((("duration", 1, 2),), 3, ((np.ones(3), 1, 2),))),
     ("start", "one of centre, corner, wall, anywhere", ("middle", 3)),
     ("boxes_known", "True or False", (0, 1, None, "no")),
-    ("room_size", "3 positive numbers", (6.0, (6.0, 2.0), (6.0, 2.0, 0.0), [6.0, 2.0, "6"], np.ones(3))),
+    ("room_size", "3 positive numbers", (6.0, (6.0, 2.0), (6.0, 2.0, 0.0), [6.0, 2.0, "6"], np.ones(2))),
     ("particle_depth", "in increasing order", ((9.0, 0.3), (1.0, 1.0))),
     ("initialisation", "one of depth_particles, inverse_depth", ("guess", 1, ["inverse_depth"])),
     ("goal_margin", "less than half of the smallest side", (1.0, 5.0)),
@@ -67,6 +67,8 @@ def test_what_is_out_of_bounds_is_named() -> None:
     for name, allowed, values in OUT_OF_BOUNDS:
         for value in values:
             assert refusal(name, value).startswith(f"scenario.{name} must be {allowed}, got "), (name, value)
+    assert refusal("start", "Corner").endswith("got 'Corner' (did you mean 'corner'?)")
+    assert len(refusal("boxes", np.zeros((100, 100)))) < 500
 
 
 def as_numpy(value: Any) -> Any:
@@ -84,7 +86,11 @@ def test_json_and_numpy_hand_back_the_same_scenario() -> None:
         fields = asdict(scenario)
         assert scenario_from(json.loads(json.dumps(fields))) == scenario
         given = scenario_from({name: as_numpy(value) for name, value in fields.items()})
-        assert given == scenario and types_of(tuple(asdict(given).values())) == types_of(tuple(fields.values()))
+        arrays = {
+            name: np.array(value) for name, value in fields.items() if name in ("room_size", "boxes", "box_count")
+        }
+        assert scenario_from({**fields, **arrays}) == given == scenario
+        assert types_of(tuple(asdict(given).values())) == types_of(tuple(fields.values()))
 
 
 @pytest.mark.parametrize(

@@ -72,6 +72,11 @@ def test_a_batch_names_the_argument(argument: str) -> None:
         refuses(argument, lambda value=value: ActiveSLAMVectorEnv(**{"num_envs": 2, argument: value}))
 
 
+def test_a_switch_of_numpy_is_a_switch() -> None:
+    assert not ActiveSLAMEnv(end_when_lost=np.False_)._end_when_lost
+    refuses("end_when_lost", lambda: ActiveSLAMEnv(end_when_lost=np.int64(0)))
+
+
 def test_actions_seeds_and_options_are_named(env: ActiveSLAMEnv, batch: ActiveSLAMVectorEnv) -> None:
     twin = copy.deepcopy(batch)
     for action in BAD_ACTIONS:

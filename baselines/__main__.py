@@ -14,7 +14,7 @@ from typing import Any
 import gymnasium as gym
 
 from activeslam_gym import SCENARIOS
-from activeslam_gym.config import IMAGE_SCENARIOS
+from activeslam_gym.config import IMAGE_SCENARIOS, did_you_mean
 from activeslam_gym.evaluation import Store
 from activeslam_gym.files import written_whole
 
@@ -23,22 +23,27 @@ from .constants import Choose, key_of
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Write the tables; the exit status, 2 for an unknown name."""
+    """Write the tables; the exit status: 2 for a mistake, which is told in a line, 130 for Ctrl-C."""
     made = argparse.ArgumentParser(prog="python -m baselines", description=__doc__)
     made.add_argument("names", nargs="*", metavar="SCENARIO", help="scenarios to choose for (default: all named ones)")
     made.add_argument("--cluster", help="address of a Ray cluster that plays the open-loop episodes, such as 'auto'")
     args = made.parse_args(arguments)
     names, store = args.names, Store(Path("results/baselines"), args.cluster or 1)
-    if unknown := [name for name in names if name not in SCENARIOS]:
-        print(f"python -m baselines: scenario: {', '.join(unknown)}; allowed: {', '.join(SCENARIOS)}", file=sys.stderr)
-        return 2
     choices: tuple[tuple[Path, Choose], ...] = (
         (constants.TABLE, constants.choose),
         (sequences.TABLE, sequences.choose_sequence),
         (readings.TABLE, readings.choose_readings),
     )
-    for path, choose in choices:
-        _renew(path, choose, names, store)
+    try:
+        if unknown := [f"{name}{did_you_mean(name, SCENARIOS)}" for name in names if name not in SCENARIOS]:
+            raise ValueError(f"scenario: {', '.join(unknown)}; allowed: {', '.join(SCENARIOS)}")
+        for path, choose in choices:
+            _renew(path, choose, names, store)
+    except KeyboardInterrupt:
+        return 130
+    except (ValueError, OSError, ImportError) as error:
+        print(f"python -m baselines: {error}", file=sys.stderr)
+        return 2
     return 0
 
 

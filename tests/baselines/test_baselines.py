@@ -266,6 +266,10 @@ def test_the_command_regenerates_the_named_ones_and_keeps_the_others(
     assert table.main(["nowhere"]) == 2
     messages = capsys.readouterr().err
     assert all(name in messages for name in ("nowhere", *SCENARIOS))
+    paths[0].unlink()
+    paths[0].mkdir()
+    assert table.main(["paper"]) == 2
+    assert capsys.readouterr().err.startswith("python -m baselines: [Errno 21]")
 
 
 def test_the_policy_plays_the_sequence() -> None:

@@ -3,11 +3,11 @@
 import json
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from activeslam_gym.config import benchmark_seed, scenario_from
+from activeslam_gym.config import benchmark_seed, fields_of, scenario_from
 from activeslam_gym.evaluation import Episode, Store
 from agents.task import Task, check, results
 from agents.tools.arguments import SEEDS, Workers, command_line, made_scenario, scenario_argument, within
@@ -79,7 +79,7 @@ class Study(Page, Workers):
 def settings_of(scenario: str, arguments: dict[str, Any] | None = None, **fields: Any) -> str:
     """A scenario, by name or as JSON, with other ``fields``, and ``arguments`` of its environment: as tasks have it."""
     made = scenario_from(made_scenario(scenario_argument(scenario)))
-    return json.dumps({"scenario": asdict(replace(made, **fields)), **(arguments or {})}, sort_keys=True)
+    return json.dumps({"scenario": fields_of(replace(made, **fields)), **(arguments or {})}, sort_keys=True)
 
 
 def tasks(policy: str, settings: str, seed: int, count: int, *measures: type[Any]) -> list[Task]:

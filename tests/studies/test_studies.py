@@ -1,6 +1,7 @@
 """`python -m studies.…`, small, and its measures, which have known answers; their whole tables are in docs/."""
 
 import csv
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -13,14 +14,15 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal, norm
 
 import baselines
-from activeslam_gym import Motion
+from activeslam_gym import SCENARIOS, Motion, Scenario
 from activeslam_gym.evaluation import TARGET, run_episode
 from activeslam_gym.information.candidates import motion_plans, score_plans
 from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.metrics import CLOSURE_GAP, LoopClosures
 from agents import task as tasks
 from agents.summary import aggregate
-from studies import consistency, learning, measures, paper, upper_reference
+from examples.extend_range_sensor import RangeSensor
+from studies import consistency, learning, measures, paper, settings_of, upper_reference
 from studies.removals import REMOVALS
 from studies.worth import compared
 from tests.agents.test_compare import episode
@@ -52,6 +54,14 @@ def test_consistency_fills_its_page_and_plays_no_episode_twice(tmp_path: Path, m
     table = list(csv.DictReader((tmp_path / "consistency.csv").open()))
     assert [row["variant"] for row in table] == variants and float(table[0]["landmark_nees_35s"]) > 0.0
     assert (tmp_path / "images" / "nees.png").stat().st_size > 1000
+
+
+def test_a_scenario_with_a_part_of_ones_own_is_named_in_settings(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The object of the part was no JSON: a traceback."""
+    monkeypatch.setitem(SCENARIOS, "own", Scenario(name="own", sensor=RangeSensor))
+    settings = json.loads(settings_of("examples.extend_range_sensor:own", pixel_std=3.0))
+    assert settings["scenario"]["sensor"] == "examples.extend_range_sensor:RangeSensor"
+    assert settings["scenario"]["pixel_std"] == 3.0
 
 
 @pytest.mark.parametrize("row", [row for row in REMOVALS if row != "base"])

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from os import PathLike
 
     from activeslam_gym.evaluation import Predictor
     from baselines.policy import Environment
 
 
-def load(name: str, env: Environment, seed: int | Sequence[int] = 0) -> Predictor:
+def load(name: str | PathLike[str], env: Environment, seed: int | Sequence[int] = 0) -> Predictor:
     """The policy of that name, bound to ``env``. Learned ones need PyTorch, which is imported here.
 
     Args:

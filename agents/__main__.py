@@ -50,7 +50,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _mistake(name: str, message: str) -> int:
-    print(f"{name if name == PROGRAM else f'{PROGRAM} {name}'}: {message}", file=sys.stderr)
+    line = " ".join(message.split())  # PyTorch has messages of several
+    print(f"{name if name == PROGRAM else f'{PROGRAM} {name}'}: {line}", file=sys.stderr)
     return 2
 
 

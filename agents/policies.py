@@ -4,6 +4,7 @@ import hashlib
 import importlib
 import json
 from collections.abc import Iterable, Sequence
+from os import PathLike
 from pathlib import Path
 from traceback import extract_tb
 from typing import Any
@@ -21,8 +22,9 @@ RLLIB = "rllib:"  # before the folder of a checkpoint that RLlib wrote
 FILES = (".npz", ".zip")  # our weights, and a model as Stable-Baselines3 saves it
 
 
-def load(name: str, env: Environment, seed: int | Sequence[int] = 0) -> Predictor:
+def load(name: str | PathLike[str], env: Environment, seed: int | Sequence[int] = 0) -> Predictor:
     """The policy of that name, bound to ``env``; see `agents.load`."""
+    name = str(name)
     require_known(name)
     if name.startswith(RLLIB):
         from agents.rllib import CheckpointPolicy

@@ -100,7 +100,7 @@ def test_the_same_seed_trains_the_same_weights(tmp_path: Path) -> None:
 def test_a_learned_policy_acts_in_single_batch_discrete_and_larger_environments(trained: Path) -> None:
     env = gym.make("ActiveSLAM-v0")
     action = acts(env, agents.load(str(trained / "policy.npz"), env))
-    np.testing.assert_array_equal(acts(env, policies.load(str(trained / "policy.npz"), env)), action)
+    np.testing.assert_array_equal(acts(env, policies.load(trained / "policy.npz", env)), action)
     envs = gym.make_vec("ActiveSLAM-v0", num_envs=3)
     np.testing.assert_array_equal(acts(envs, agents.load(str(trained / "policy.npz"), envs))[0], action)
     one = gym.make("ActiveSLAMDiscrete-v0")

@@ -7,6 +7,7 @@ its own, and going back to the old content finds the old kernels again. Edits of
 
 import functools
 from collections.abc import Callable
+from operator import getitem
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -81,6 +82,10 @@ else:
         def __getattribute__(self, name: str) -> Any:
             fields = object.__getattribute__(self, "dtype").fields
             return np.void.__getitem__(self, name) if fields and name in fields else object.__getattribute__(self, name)
+
+        def __reduce__(self) -> Any:
+            """As an item of an array: NumPy's own record, once it is unpickled, silently ignores what is written."""
+            return getitem, (np.array([self]), 0)
 
 
 def record(**fields: Any) -> np.dtype[Any]:

@@ -3,6 +3,7 @@
 import ast
 import importlib
 import os
+import pickle
 import shutil
 import subprocess
 import sys
@@ -132,6 +133,13 @@ def test_an_edit_of_a_module_with_kernels_has_a_cache_of_its_own(read_only: Path
     os.utime(source, (1e9, 1e9))
     assert said(folder, **there) == ""
     assert len({path.parent for path in kept_in(tmp_path / "cache")}) == 2
+
+
+def test_a_record_keeps_what_is_written_after_it_was_pickled() -> None:
+    """NumPy's own ignores it, and so did the filter of an unpickled environment."""
+    kept = pickle.loads(pickle.dumps(np.zeros(1, kernels.record(a="f8", b=("f8", 3)))[0]))
+    kept.a, kept.b[:] = 5.0, 7.0
+    assert kept.a == 5.0 and kept.b.tolist() == [7.0] * 3
 
 
 def test_no_kernel_lets_the_compiler_reorder_sums() -> None:

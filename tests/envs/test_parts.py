@@ -1,5 +1,6 @@
 """Parts of a user's own: they fly, a wrong answer has the part's name and the frame, and `check_…` finds it before."""
 
+import pickle
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -29,6 +30,15 @@ def flown(seed: int, seconds: float, **parts: Any) -> Episode:
     """An episode of `mi-mi`."""
     env: Any = gym.make("ActiveSLAM-v0", gaze_period=0.25, duration=seconds, **parts)
     return run_episode(env, baselines.make("mi-mi", env), seed)
+
+
+def test_an_unpickled_environment_goes_on_as_the_original() -> None:
+    env: Any = gym.make("ActiveSLAM-v0", sensor=RangeSensor, duration=3.0)
+    env.reset(seed=5)
+    twin = pickle.loads(pickle.dumps(env))
+    for _ in range(4):
+        (observation, reward, *_), (other, same, *_) = env.step((0, 0)), twin.step((0, 0))
+        assert reward == same and np.array_equal(observation, other)
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -183,8 +183,9 @@ def draw(of: Suite, results: Sequence[Result], path: Path) -> None:
         axes.plot([100.0 * one.failures.low, 100.0 * one.failures.high], [y, y], color=colour, linewidth=0.8)
         axes.plot([x, x], [one.normalised.low, one.normalised.high], color=colour, linewidth=0.8)
         axes.plot(x, y, marker, color=colour, label=kind)
-        above = not any(abs(x - a) < 6.0 and abs(y - b) < 0.03 for a, b in labelled)  # two labels fit at one place
-        axes.annotate(one.entry.name, (x, y), (4, 4 if above else -11), textcoords="offset points", fontsize=8)
+        near = sum(abs(x - a) < 3.0 and abs(y - b) < 0.03 for a, b in labelled)  # their labels stand one under another
+        place = 4.0, -2.0 - 9.0 * near if near else 4.0
+        axes.annotate(one.entry.name, (x, y), place, textcoords="offset points", fontsize=8)
         labelled.append((x, y))
     axes.set(xlabel="failures, % of all episodes", ylabel="normalised score (interquartile mean)")
     axes.set_title(f"Entries of the suite {of.name}, with 95 % intervals", fontsize=10)

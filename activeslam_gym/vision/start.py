@@ -9,7 +9,7 @@ far more likely than all others, and whose covariance is small, is the start; el
 Where few corners move against many, something moves before a camera that does not: that is no start.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from time import thread_time
 from typing import NamedTuple
 
@@ -49,8 +49,6 @@ KNOWN = np.radians(1.5)  # deviation of the turn since the start, from which the
 _NARROW = np.radians(50.0)
 """Field of view under which no start is certain: with 39 degrees, one of two that seemed so was wrong by 3 degrees."""
 _HELD = 1e9  # images are told without a start, if they have more [bytes]
-Step = tuple[FrontEnd, Frame, FrameLog]
-"""A front end after an image, and what was seen in the image."""
 
 
 class Opening(NamedTuple):
@@ -64,16 +62,16 @@ class Opening(NamedTuple):
 
 
 def steps_from_anywhere(
-    source: Iterator[Frame], calibration: Calibration, begin: Callable[[], FrontEnd], accelerations: tuple[float, float]
-) -> Iterator[Step]:
-    """Track the images of ``source`` without a target: those until the start is certain are held, and told then.
+    source: Iterator[Frame], calibration: Calibration, front_end: FrontEnd
+) -> Iterator[tuple[Frame, FrameLog]]:
+    """Track the images of ``source`` without a target by a ``front_end`` that has seen nothing: each image, and what
+    was seen in it. The images until the start is certain are held, and told then.
 
-    ``begin`` makes a front end that has seen nothing. ``accelerations``: their deviations [m/s^2, rad/s^2]. If the
-    start is never certain, or the images are too many to be held, the steps say so. An exception of the source is
+    If the start is never certain, or the images are too many to be held, the logs say so. An exception of the source is
     raised when it is its turn.
     """
-    search, held, reported, front_end = Start(calibration), list[tuple[Frame, FrameLog]](), 0, begin()
-    certain, best, ending = False, None, None
+    search, held, reported, filter = Start(calibration), list[tuple[Frame, FrameLog]](), 0, front_end.filter
+    certain, ending, motion = False, None, filter.models.motion
     wide = 2.0 * np.arctan(0.5 * max(calibration[:2]) / calibration.focal_px) >= _NARROW
     while not certain and ending is None:
         try:
@@ -83,32 +81,30 @@ def steps_from_anywhere(
             if not reported + len(held):
                 raise
             ending = error
-        else:
-            best = search.best
-            certain = best is not None and best.certain
-        if certain and best is not None:
-            image, room = frame[1], min(front_end.filter.capacity, front_end.settings.visible)
-            camera, points, covariance, pixels = search.belief(best, accelerations, room)
-            ids = front_end.filter.resume(camera, points, covariance)
-            front_end.start(image, frame[0], ids, (pixels + 0.5) / calibration.scale - 0.5)
+        if search.best is not None and search.best.certain:
+            certain, room = True, min(filter.capacity, front_end.settings.visible)
+            stds = motion.filter_acceleration_std, motion.filter_angular_acceleration_std
+            camera, points, covariance, pixels = search.belief(search.best, stds, room)
+            ids = filter.resume(camera, points, covariance)
+            front_end.start(frame[1], frame[0], ids, (pixels + 0.5) / calibration.scale - 0.5)
         if certain or ending is not None or len(held) * held[0][0][1].nbytes > _HELD:
-            belief = front_end.filter.snapshot()
+            belief = filter.snapshot()
             for (frame, log), camera, P, sure, known in zip(held, *search.cameras(reported)):
-                front_end.filter.place_camera(camera, np.pad(P, ((0, 6), (0, 6))))
-                yield front_end, frame, log._replace(start_certain=bool(sure and wide), lost=log.lost or not known)
+                filter.place_camera(camera, np.pad(P, ((0, 6), (0, 6))))
+                yield frame, log._replace(start_certain=bool(sure and wide), lost=log.lost or not known)
                 reported += 1
-            front_end.filter.restore(belief)
+            filter.restore(belief)
             held = []
     if ending is None:
-        filter, square, deleted, consistent = front_end.filter, np.sum(front_end.filter.mean[VELOCITY] ** 2), 0.0, True
+        square, deleted, consistent = np.sum(filter.mean[VELOCITY] ** 2), 0.0, True
         for frame in source:
-            filter.models.motion.filter_acceleration_std = np.clip(_PACE * np.sqrt(square), *_ACCELERATIONS)
+            motion.filter_acceleration_std = np.clip(_PACE * np.sqrt(square), *_ACCELERATIONS)
             log = front_end.step(frame[1], frame[0])
             square += _SHARE * (np.sum(filter.mean[VELOCITY] ** 2) - square)
             deleted += _SHARE * (log.deletions - deleted)
             consistent &= deleted < _MOST_DELETED
             known = consistent and np.trace(filter.camera_covariance[3:6, 3:6]) < KNOWN**2
-            yield front_end, frame, log._replace(start_certain=bool(known and wide))
+            yield frame, log._replace(start_certain=bool(known and wide))
     elif not isinstance(ending, StopIteration):
         raise ending
 
@@ -224,10 +220,8 @@ def _poses(corners: Corners, opening: Opening) -> tuple[np.ndarray, np.ndarray]:
         if len(adjusted):
             R_WC[row], place[row] = x.R_WC[adjusted[0]], x.p[adjusted[0]]
             continue
-        seen, (_, point, place_in) = (
-            corners.seen[k],
-            np.intersect1d(opening.corners, corners.seen[k].number, return_indices=True),
-        )
+        seen = corners.seen[k]
+        _, point, place_in = np.intersect1d(opening.corners, seen.number, return_indices=True)
         z, std = np.full((2, len(x.d), 3), np.nan), np.ones((2, len(x.d)))
         z[1, point], std[1, point] = seen.bearing[place_in], seen.std[place_in]
         if len(point) >= _POSE:

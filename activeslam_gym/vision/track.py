@@ -13,6 +13,7 @@ from argparse import Namespace
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, closing
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from threading import current_thread, main_thread
 from typing import Any, NamedTuple, TypeVar
@@ -35,7 +36,7 @@ from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.other_lenses import lens_from
 from activeslam_gym.vision.settings import FEATURES, FEWEST, MOST
 from activeslam_gym.vision.sources import Frame, SourceError, images_of
-from activeslam_gym.vision.start import Step, steps_from_anywhere
+from activeslam_gym.vision.start import steps_from_anywhere
 from activeslam_gym.vision.target import FACING, Target, read_target
 from activeslam_gym.vision.track_files import FREE, TrackFiles
 from activeslam_gym.vision.views import reduced
@@ -175,50 +176,29 @@ def follow(
     """
     source = _of_size(images, calibration)
     if target is None:
-        scenario = _scenario(calibration, False, rate, features)
-        stds = HAND_HELD["filter_acceleration_std"], HAND_HELD["filter_angular_acceleration_std"]
         home = np.concatenate((np.zeros(3), FACING, np.zeros(6)))
-        steps = steps_from_anywhere(
-            source, calibration, lambda: FrontEnd(Filter(scenario, camera=home), settings), stds
-        )
+        front_end = FrontEnd(Filter(_scenario(calibration, False, rate, features), camera=home), settings)
+        steps = steps_from_anywhere(source, calibration, front_end)
     else:
-        steps = _steps(
-            source,
-            partial(start, calibration=calibration, target=target, rate=rate, settings=settings, features=features),
-        )
-    (front_end, frame, log), trouble = next(steps), None
-    times, cameras, covariances, lost = [], [], [], []
-    logs: list[FrameLog] = []
+        first = next(source)
+        front_end = start(first[1], calibration, target, rate, settings, features=features)
+        later = ((frame, front_end.step(frame[1], frame[0])) for frame in source)
+        steps = chain([(first, FIRST._replace(time=first[0]))], later)
+    filter, trouble = front_end.filter, None
+    times, cameras, covariances, logs = list[float](), list[np.ndarray](), list[np.ndarray](), list[FrameLog]()
     try:
-        while True:
-            filter = front_end.filter
+        for frame, log in steps:
             times.append(frame[0])
             cameras.append(filter.mean)
             covariances.append(filter.camera_covariance[:6, :6])
-            lost.append(log.lost)
-            watch(front_end, frame, log if logs else None)
             logs.append(log)
-            front_end, frame, log = next(steps)
-    except StopIteration:
-        pass
-    except ValueError as error:
-        trouble = str(error)
-    except KeyboardInterrupt:
-        trouble = "interrupted"
-    return Track(np.array(times), np.array(cameras), np.array(covariances), logs[1:], np.array(lost), filter, trouble)
-
-
-def _steps(source: Iterator[Frame], begin: Callable[[np.ndarray], FrontEnd]) -> Iterator[Step]:
-    """Track the images of ``source`` from a target."""
-    frame = next(source)
-    front_end = begin(frame[1])
-    yield (
-        front_end,
-        frame,
-        FIRST._replace(time=frame[0], lost=len(front_end.filter.ids) + len(front_end.filter.fiducials) < 3),
-    )
-    for frame in source:
-        yield front_end, frame, front_end.step(frame[1], frame[0])
+            watch(front_end, frame, log if len(logs) > 1 else None)
+    except (ValueError, KeyboardInterrupt) as error:
+        if not logs:
+            raise
+        trouble = str(error) if isinstance(error, ValueError) else "interrupted"
+    lost = np.array([log.lost for log in logs])
+    return Track(np.array(times), np.array(cameras), np.array(covariances), logs[1:], lost, filter, trouble)
 
 
 def track(args: Namespace) -> tuple[Track, str]:

@@ -20,7 +20,7 @@ from activeslam_gym.slam.filter import Filter
 from activeslam_gym.slam.sight import INSIDE
 from activeslam_gym.vision.corners import new_corners
 from activeslam_gym.vision.recovery import PRIOR, Restart, drawn_templates, likeliest_corners, locate
-from activeslam_gym.vision.search import FOUND, SEARCH, UNSEARCHED, Findings, search
+from activeslam_gym.vision.search import SEARCH, Findings, search
 from activeslam_gym.vision.settings import FrontEndSettings
 from activeslam_gym.vision.templates import TEMPLATE_HALF, TEMPLATE_SIDE, TemplateMap, shows_template
 from activeslam_gym.vision.views import is_outdated, reduced, speeds, view_from
@@ -68,14 +68,10 @@ NOTHING = Searched(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2, 2)),
 Drawn = Callable[[np.ndarray, int], tuple[np.ndarray, np.ndarray]]
 """From a camera's pose (7,) and the number of a fiducial, the picture (h, w) float32 of the target around it, NaN where
 it is unknown, and its pixel (2,); a ValueError: it is not before the camera, or too little is known of it."""
-_UNKNOWN = np.zeros(3)
-"""Normal of a plane that is not known."""
-_AROUND = 3.0
-"""Pixels around a corner in which a lost map is searched."""
-_NEAR = 0.06
-"""Share of the largest area that is searched where the map is lost: its views are sought anywhere."""
-_NEAREST = 3.0
-"""What is nearer counts as so many times the scenario's inverse depth."""
+_UNKNOWN = np.zeros(3)  # normal of a plane that is not known
+_AROUND = 3.0  # around a corner in which a lost map is searched [px]
+_NEAR = 0.06  # share of the largest area that is searched where the map is lost: its views are sought anywhere
+_NEAREST = 3.0  # times the scenario's inverse depth: that of all that is nearer
 
 
 class FrontEnd:
@@ -166,26 +162,26 @@ class FrontEnd:
 
     def step(self, image: np.ndarray, time_s: float, u: np.ndarray | None = None) -> FrameLog:
         """Go on to the ``image`` (h, w) uint8 of ``time_s`` [s], under the known accelerations ``u`` (6,), if any."""
-        began = time.thread_time()
+        began, s = time.thread_time(), self.settings
         image = self._reduced(image)
         grey = image.astype(np.float32)
         self._frame += 1
         dt, self._time = time_s - self._time, time_s
         self.filter.predict(u, dt, self.settings.drift / self._focal)
-        before = self._relocalise(image, grey) if self._blind >= self.settings.lost_after else None
+        before = self._relocalise(image, grey) if self._is_lost else None
         self._search(grey)
         outcome = self.searched.outcome
         searched, found, matched = len(outcome), int((outcome != MISSED).sum()), int((outcome == MATCHED).sum())
-        if before is not None and not self._suffices(matched):
+        seen = matched >= (s.constellation if self._is_lost else 3)  # so many tell the pose
+        if before is not None and not seen:
             self.filter.restore(before)  # the map is not there
-        clear = self._notice(searched, matched)
+        clear = self._notice(seen, searched)
         dropped = self._heed_target()
         initialised, deletions = self._learn(image, grey) if clear else (0, 0)
-        again, metric = before is not None and self._blind == 0, len(self.filter.fiducials) > 0
-        missed = not self._suffices(matched)
-        features, dropped = self._template_map.features, deletions + dropped
-        counts = features, searched, found, matched, found - matched, initialised, dropped
-        return FrameLog(time_s, *counts, clear, missed, again, metric, 1e3 * (time.thread_time() - began))
+        again, metric = before is not None and seen, len(self.filter.fiducials) > 0
+        features, deletions = self._template_map.features, deletions + dropped
+        counts = features, searched, found, matched, found - matched, initialised, deletions
+        return FrameLog(time_s, *counts, clear, not seen, again, metric, 1e3 * (time.thread_time() - began))
 
     def _reduced(self, image: np.ndarray) -> np.ndarray:
         """The level of the ``image``'s pyramid that has the size of the filter's camera."""
@@ -193,21 +189,18 @@ class FrontEnd:
         self._scale = math.floor(ratio) if ratio >= 1.0 else ratio
         return reduced(image, self._scale)
 
-    def _notice(self, searched: int, matched: int) -> bool:
-        """Whether so much of the map is in sight that features may be judged and initialised. Remembers the view, or
-        counts one more image without the map."""
-        s = self.settings
-        if self._suffices(matched):
-            self._blind = 0
-            self._last_view = self.filter.mean[:7]
-        elif self._blind > 0 or searched >= s.constellation:
-            self._blind += 1
-        return self._blind == 0 or self._blind > s.trials
+    @property
+    def _is_lost(self) -> bool:
+        return self._blind >= self.settings.lost_after
 
-    def _suffices(self, matched: int) -> bool:
-        """Whether so many matches tell the pose."""
-        s = self.settings
-        return matched >= (3 if self._blind < s.lost_after else s.constellation)
+    def _notice(self, seen: bool, searched: int) -> bool:
+        """Whether so much of the map is in sight that features may be judged and initialised. Remembers the view in
+        which the map was ``seen``, or counts one more image without it."""
+        if seen:
+            self._blind, self._last_view = 0, self.filter.mean[:7]
+        elif self._blind > 0 or searched >= self.settings.constellation:
+            self._blind += 1
+        return self._blind == 0 or self._blind > self.settings.trials
 
     def _relocalise(self, image: np.ndarray, grey: np.ndarray) -> Belief | None:
         """Seek the map at the corners of the ``image``, in ``grey`` float32, as it looked when it was seen last. The
@@ -241,18 +234,17 @@ class FrontEnd:
         S, places = sight.S.reshape(len(v), 2, len(v), 2)[v, :, v, :], self._template_map.places(ids)
         places[self._template_map.change_of_view(places, points, mean) > s.most_change] = -1
         view, templates = view_from(self.camera, mean), self._template_map.templates
-        model = self._model if self._blind < s.lost_after else self._near
+        model, least = (self._near, 3) if self._is_lost else (self._model, 1)
         findings = search(view, model, templates, grey, places, points, z_hat, S)
-        tried = findings.state != UNSEARCHED
-        self.candidates, least = self._candidates(ids, places, findings), 3 if self._blind >= s.lost_after else 1
+        self.candidates = self._candidates(ids, places, findings)
         self.candidates["match"] = matched = self.filter.update(self.candidates, jointly=True, least=least)
         row, peak = (some[matched > 0] for some in findings.candidates)
         self._template_map.fit_planes(view, grey, places[row], points[row], findings.pixel[row, peak])
         believed = np.any(ids[:, None] == matched, axis=1)
-        outcome = np.where(believed, MATCHED, np.where(findings.state == FOUND, DOUBTED, MISSED))
+        outcome = np.where(believed, MATCHED, np.where(findings.peaks > 0, DOUBTED, MISSED))
         n = self._scale
         columns = ids, n * (z_hat + 0.5) - 0.5, n**2 * S, outcome, point["visibility"] == INSIDE
-        self.searched = Searched(*(column[tried] for column in columns))
+        self.searched = Searched(*(column[findings.searched] for column in columns))
 
     def _points(self, rows: np.ndarray) -> np.ndarray:
         """World points (v, 3) of the fiducials and features at ``rows`` (v,) of a sight."""

@@ -15,8 +15,6 @@ from activeslam_gym.kernels import Record, borrowing, compiled, record
 from activeslam_gym.vision.templates import TEMPLATE_HALF, TEMPLATE_SIDE, Templates, predict_appearance
 
 PEAKS = 3  # most candidates of a feature
-UNSEARCHED, MISSING, FOUND = 0, 1, 2
-"""States of a row: it was not searched; nothing there is similar; it has a candidate."""
 _COUNT, _INNER = TEMPLATE_SIDE**2, (TEMPLATE_SIDE - 2) ** 2  # pixels of a template, and those that have a gradient
 
 SEARCH = record(
@@ -32,8 +30,8 @@ SEARCH = record(
 class Findings(NamedTuple):
     """The result of a search: v rows, up to 3 candidates each, the best first."""
 
-    state: np.ndarray  # (v,) UNSEARCHED, MISSING or FOUND
-    peaks: np.ndarray  # (v,) candidates
+    searched: np.ndarray  # (v,) bool
+    peaks: np.ndarray  # (v,) candidates; 0: nothing there is similar
     pixel: np.ndarray  # (v, 3, 2) [px]
     R: np.ndarray  # (v, 3, 2, 2) [px^2]
     score: np.ndarray  # (v, 3) normalised cross-correlation
@@ -55,8 +53,8 @@ def search(
     ``z_hat`` (v, 2) and ``S`` (v, 2, 2) are their predicted pixels in ``view``.
     """
     v = places.shape[0]
-    state, peaks, pixel = np.zeros(v, np.int64), np.zeros(v, np.int64), np.zeros((v, PEAKS, 2))
-    out = Findings(state, peaks, pixel, np.zeros((v, PEAKS, 2, 2)), np.zeros((v, PEAKS)))
+    searched, peaks, pixel = np.zeros(v, np.bool_), np.zeros(v, np.int64), np.zeros((v, PEAKS, 2))
+    out = Findings(searched, peaks, pixel, np.zeros((v, PEAKS, 2, 2)), np.zeros((v, PEAKS)))
     T = np.empty((TEMPLATE_SIDE, TEMPLATE_SIDE), np.float32)
     for a in range(v):
         if (
@@ -170,10 +168,9 @@ def _search_one(
         if first <= last:
             to = scores[row - top + 1, first - left + 1 : last - left + 2]
             _correlate_row(part, sums, T, row - top, first - left, to)
-    out.state[a] = MISSING
+    out.searched[a] = True
     _keep_peaks(model, scores, out, a)
     for k in range(out.peaks[a]):
-        out.state[a] = FOUND
         out.pixel[a, k, 0] += left - 1
         out.pixel[a, k, 1] += top - 1
         _localise(model, image, T, out, a, k)

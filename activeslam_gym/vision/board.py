@@ -145,20 +145,14 @@ def _by_opencv(
             stds = stds.ravel()[[0, 2, 3, 4]]
     except cv2.error as error:
         raise ValueError(f"OpenCV finds no lens: {' '.join(str(error).split())[-120:]}") from None
-    lens, poses = Lens(size, fisheye, K, bent.ravel()), np.reshape((turns, shifts), (2, -1, 3))
-    seen = [projected_by(lens, _before(pose, view[0])) - view[1] for pose, view in zip(np.swapaxes(poses, 0, 1), views)]
-    return (
-        lens,
-        np.concatenate((poses[0], poses[1]), axis=1),
-        np.array([np.sqrt(np.mean(each**2)) for each in seen]),
-        stds,
-    )
+    lens, poses = Lens(size, fisheye, K, bent.ravel()), np.hstack([np.reshape(x, (-1, 3)) for x in (turns, shifts)])
+    errors = [projected_by(lens, _before(pose, view[0])) - view[1] for pose, view in zip(poses, views)]
+    return lens, poses, np.array([np.sqrt(np.mean(each**2)) for each in errors]), stds
 
 
 def _before(pose: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(n, 2) where the rays of ``points`` (n, 3) of a board at a ``pose`` (6,) or (2, 3) meet the plane at depth 1."""
-    turn, shift = np.reshape(pose, (2, 3))
-    there = Rotation.from_rotvec(turn).apply(points) + shift
+    """(n, 2) where the rays of ``points`` (n, 3) of a board at a ``pose`` (6,) meet the plane at depth 1."""
+    there = Rotation.from_rotvec(pose[:3]).apply(points) + pose[3:]
     return there[:, :2] / there[:, 2:]
 
 
@@ -238,17 +232,13 @@ def calibrate(images: str | Path, kind: str, columns: int, rows: int, out: str |
 
 BOARD = Board(CHARUCO, 7, 5, 0.036, 0.027, "DICT_4X4_50")
 """A board that fits on a sheet of A4 or Letter, of the dictionary and markers of `calibrate`."""
-_CORNERS = 8
-"""Fewest corners of a view."""
-_OTHER, _BLURRED = 0.08, 0.015
-"""Difference of a view's middle and tilts from those of every kept view, at least; mean way of the corners since the
-image before, at most, in widths of the image."""
-_LEAST, _MOST = 10, 40
-"""Views from which a fit is tried, and at which it is taken as it is."""
-_SURE = 0.004
-"""Deviation of the focal length, as a share of it, at which the views are enough."""
-_BESIDE, _TILT = 0.06, 0.12
-"""Distance of a view's middle from the image's, in sizes of it; growth of the depth across the board, as a share."""
+_CORNERS = 8  # fewest of a view
+_OTHER = 0.08  # difference of a view's middle and tilts from those of every kept view, at least
+_BLURRED = 0.015  # mean way of the corners since the image before, at most, in widths of the image
+_LEAST, _MOST = 10, 40  # views from which a fit is tried, and at which it is taken as it is
+_SURE = 0.004  # deviation of the focal length, as a share of it, at which the views are enough
+_BESIDE = 0.06  # distance of a view's middle from the image's, in sizes of it
+_TILT = 0.12  # growth of the depth across the board, as a share
 Need = Callable[[np.ndarray, np.ndarray], bool]
 _NEEDS: dict[str, Need] = {
     "Move the board to the upper left of the picture": lambda at, tilt: max(at) < -_BESIDE,
@@ -264,10 +254,10 @@ _NEEDS: dict[str, Need] = {
 
 
 class BoardCalibration:
-    """Collects views of a ``board`` until they determine the lens."""
+    """Collects views of `BOARD` until they determine the lens."""
 
-    def __init__(self, board: Board = BOARD) -> None:
-        self._board, self._needs, self._tried = board, dict(_NEEDS), _LEAST - 1
+    def __init__(self) -> None:
+        self._needs, self._tried = dict(_NEEDS), _LEAST - 1
         self._views: list[View] = []
         self._shown: list[np.ndarray] = []
         self._last: View | None = None
@@ -276,14 +266,14 @@ class BoardCalibration:
 
     def add(self, image: np.ndarray) -> str:
         """Take in an image (h, w) uint8; a sentence for the person who waves. At the end there is a `fit`."""
-        view = find_board(image, self._board.kind, self._board.columns, self._board.rows)
+        view = find_board(image, BOARD.kind, BOARD.columns, BOARD.rows)
         before, self._last = self._last, view
         if view is None or len(view[0]) < _CORNERS:
             words = "Hold the board before the camera, so that its squares are seen"
         elif before is None or _way(before, view) > _BLURRED * image.shape[1]:
             words = "Move more slowly"
         else:
-            at, tilt = view[1].mean(axis=0) / image.shape[::-1] - 0.5, self._tilt(view)
+            at, tilt = view[1].mean(axis=0) / image.shape[::-1] - 0.5, _tilt(view)
             needs = {words: need for words, need in self._needs.items() if not need(at, tilt)}
             shows = np.concatenate((at, tilt))
             new = all(np.linalg.norm(shows - one) > _OTHER for one in self._shown)
@@ -308,10 +298,11 @@ class BoardCalibration:
         if enough or fit.stds[0] < _SURE * fit.calibration.focal_px:
             self.fit = fit
 
-    def _tilt(self, view: View) -> np.ndarray:
-        """(2,) growth of the depth from the board's left to its right and from top to bottom, as a share of it."""
-        H, _ = opencv().findHomography(view[0][:, :2], view[1])
-        return H[2, :2] * (self._board.columns, self._board.rows) / H[2, 2]
+
+def _tilt(view: View) -> np.ndarray:
+    """(2,) growth of the depth from the board's left to its right and from top to bottom, as a share of it."""
+    H, _ = opencv().findHomography(view[0][:, :2], view[1])
+    return H[2, :2] * (BOARD.columns, BOARD.rows) / H[2, 2]
 
 
 def _way(one: View, other: View) -> float:
@@ -321,10 +312,10 @@ def _way(one: View, other: View) -> float:
     return float(np.linalg.norm(one[1][i] - other[1][j], axis=1).mean()) if len(i) else np.inf
 
 
-def sheet(board: Board = BOARD) -> bytes:
-    """The ``board`` as an SVG to be printed at 100 %, on white."""
-    png = base64.b64encode(opencv().imencode(".png", printed(board))[1].tobytes()).decode()
-    width, height = np.rint(1e3 * board.size).astype(int)
+def sheet() -> bytes:
+    """`BOARD` as an SVG to be printed at 100 %, on white."""
+    png = base64.b64encode(opencv().imencode(".png", printed(BOARD))[1].tobytes()).decode()
+    width, height = np.rint(1e3 * BOARD.size).astype(int)
     around = f'width="{width + 20}mm" height="{height + 20}mm" viewBox="-10 -10 {width + 20} {height + 20}"'
     ground = f'<rect x="-10" y="-10" width="{width + 20}" height="{height + 20}" fill="#fff"/>'
     picture = f'<image width="{width}" height="{height}" href="data:image/png;base64,{png}"/>'

@@ -10,7 +10,7 @@ import numpy as np
 
 from activeslam_gym.config import Scenario, is_number
 from activeslam_gym.files import text_of
-from activeslam_gym.vision.settings import scale_of
+from activeslam_gym.vision.settings import FOCAL_PX, LEAST_SIDE
 
 
 class Calibration(NamedTuple):
@@ -25,8 +25,15 @@ class Calibration(NamedTuple):
 
     @property
     def scale(self) -> float:
-        """Pixels of an image, along a side, to one of the pyramid's level that is searched."""
-        return scale_of(self.focal_px, max(self.image_width, self.image_height))
+        """Pixels of an image, along a side, to one of the pyramid's level that is searched: a power of two.
+
+        It brings the focal length nearest to FOCAL_PX, so that templates have the same angle in images of every size.
+        Of a narrow lens, the longer side of the image keeps LEAST_SIDE pixels. An image whose longer side has fewer is
+        enlarged, once.
+        """
+        side = max(self.image_width, self.image_height)
+        halvings = min(max(0, round(math.log2(self.focal_px / FOCAL_PX))), math.floor(math.log2(side / LEAST_SIDE)))
+        return 2.0 ** max(-1, halvings)
 
     def reduced(self, scale: float) -> "Calibration":
         """The same lens in pixels that are ``scale`` times as wide, see `views.reduced`."""

@@ -7,8 +7,7 @@ from activeslam_gym.vision.opencv import opencv
 
 _CELLS = (4, 5)  # rows and columns of the cells whose features are counted
 _BLOCK = 7  # side of the window over which gradients are summed [px]
-_MEETING = (_BLOCK // 2 + 1,) * 2, (-1, -1), (1, 10, 0.0)
-"""Window, no hole in it, and 10 rounds (1: they are counted) of OpenCV's `cornerSubPix`."""
+_MEETING = (_BLOCK // 2 + 1,) * 2, (-1, -1), (1, 10, 0.0)  # window, no hole, 10 rounds (1: counted) of `cornerSubPix`
 
 
 def new_corners(

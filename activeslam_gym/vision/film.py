@@ -20,33 +20,23 @@ BLUE, SKY, ORANGE, VERMILLION, GREEN, GREY = "#0072B2", "#56B4E9", "#E69F00", "#
 PURPLE, YELLOW = "#CC79A7", "#F0E442"
 OUTCOMES = {MATCHED: (GREEN, "found"), MISSED: (PURPLE, "missed"), DOUBTED: (YELLOW, "rejected")}
 """Colour and word for each outcome of a search; none is the target's or the camera's."""
-_WIDTH = 640
-"""Least width of the view [px]."""
-_SIGMAS_SEEN, _SIGMAS = 3.0, 2.0
-"""Of the ellipses in the view and in the map."""
+_WIDTH = 640  # least width of the view [px]
+_SIGMAS_SEEN, _SIGMAS = 3.0, 2.0  # of the ellipses in the view and in the map
 
 
 @dataclass(kw_only=True)
 class Moment:
     """The estimate after an image, and where it was searched: n features and K fiducials, in metres and pixels."""
 
-    image: np.ndarray
-    """(h, w) uint8."""
+    image: np.ndarray  # (h, w) uint8
     searched: Searched
-    camera: np.ndarray
-    """(13,) position, quaternion, velocity, angular velocity."""
-    camera_covariance: np.ndarray
-    """(3, 3) of the position."""
-    ids: np.ndarray
-    """(n,) of the features."""
-    points: np.ndarray
-    """(n, 3)."""
-    covariances: np.ndarray
-    """(n, 3, 3)."""
-    mapped: np.ndarray
-    """(n,) bool. As in `slam.estimate.Estimate`."""
-    fiducials: np.ndarray
-    """(K, 3) corners of the target."""
+    camera: np.ndarray  # (13,) position, quaternion, velocity, angular velocity
+    camera_covariance: np.ndarray  # (3, 3) of the position
+    ids: np.ndarray  # (n,) of the features
+    points: np.ndarray  # (n, 3)
+    covariances: np.ndarray  # (n, 3, 3)
+    mapped: np.ndarray  # (n,) bool, as in `slam.estimate.Estimate`
+    fiducials: np.ndarray  # (K, 3) corners of the target
 
     @property
     def stds(self) -> np.ndarray:
@@ -119,7 +109,7 @@ def view(moment: Moment) -> np.ndarray:
     picture = cv2.cvtColor(picture, cv2.COLOR_GRAY2RGB)
     for _, pixel, S, outcome in zip(*moment.searched[:4]):
         at, colour = scale * (pixel + 0.5) - 0.5, OUTCOMES[int(outcome)][0]
-        _ellipse(picture, at, (scale * _SIGMAS_SEEN) ** 2 * S, colour, 2, least=10.0)
+        _ellipse(picture, at, (scale * _SIGMAS_SEEN) ** 2 * S, colour, least=10.0)
     return picture
 
 
@@ -144,16 +134,19 @@ def from_above(
     def pixel(point: np.ndarray) -> np.ndarray:
         return scale * (point - 0.5 * (low + high)) + 0.5 * size
 
+    def nearest(point: np.ndarray) -> np.ndarray:
+        return np.rint(pixel(point)).astype(np.int32)
+
     if room:
-        cv2.rectangle(picture, _whole(pixel(low)), _whole(pixel(high)), rgb(GREY), 1)
+        cv2.rectangle(picture, nearest(low), nearest(high), rgb(GREY), 1)
     for point, covariance, mapped in zip(points, moment.covariances, moment.mapped):
         plan = (scale * _SIGMAS) ** 2 * covariance[np.ix_((0, 2), (0, 2))]
-        _ellipse(picture, pixel(point), plan, BLUE if mapped else SKY, 2, least=4.0)
+        _ellipse(picture, pixel(point), plan, BLUE if mapped else SKY, least=4.0)
     for point in fiducials:
-        cv2.circle(picture, _whole(pixel(point)), 3, rgb(ORANGE), -1, cv2.LINE_AA)
-    cv2.polylines(picture, [np.rint(pixel(path)).astype(np.int32)], False, rgb(VERMILLION), 2, cv2.LINE_AA)
-    tip = pixel(path[-1]) + 0.06 * size[0] * up * ahead
-    cv2.arrowedLine(picture, _whole(pixel(path[-1])), _whole(tip), rgb(VERMILLION), 3, cv2.LINE_AA, tipLength=0.4)
+        cv2.circle(picture, nearest(point), 3, rgb(ORANGE), -1, cv2.LINE_AA)
+    cv2.polylines(picture, [nearest(path)], False, rgb(VERMILLION), 2, cv2.LINE_AA)
+    tip = np.rint(pixel(path[-1]) + 0.06 * size[0] * up * ahead).astype(np.int32)
+    cv2.arrowedLine(picture, nearest(path[-1]), tip, rgb(VERMILLION), 3, cv2.LINE_AA, tipLength=0.4)
     return picture
 
 
@@ -162,18 +155,12 @@ def rgb(colour: str) -> tuple[int, int, int]:
     return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
 
 
-def _whole(pixel: np.ndarray) -> tuple[int, int]:
-    x, y = np.rint(pixel).astype(int).tolist()
-    return x, y
-
-
-def _ellipse(
-    picture: np.ndarray, middle: np.ndarray, squares: np.ndarray, colour: str, thick: int = 1, least: float = 0.0
-) -> None:
-    """The ellipse x' M^-1 x = 1 of ``squares`` M [px^2]; none that is not finite, or larger than the picture."""
+def _ellipse(picture: np.ndarray, middle: np.ndarray, squares: np.ndarray, colour: str, least: float) -> None:
+    """The ellipse x' M^-1 x = 1 of ``squares`` M [px^2], with axes of ``least`` [px] or more; none that is not finite,
+    or larger than the picture."""
     if np.isfinite(middle).all() and np.isfinite(squares).all():
         lengths, axes = np.linalg.eigh(squares)
         if 0.0 < lengths[0] and lengths[1] < (3.0 * max(picture.shape)) ** 2:
             sides = np.maximum(2.0 * np.sqrt(lengths[::-1]), least)
             box = (tuple(middle.tolist()), tuple(sides.tolist()), math.degrees(math.atan2(axes[1, 1], axes[0, 1])))
-            opencv().ellipse(picture, box, rgb(colour), thick, opencv().LINE_AA)
+            opencv().ellipse(picture, box, rgb(colour), 2, opencv().LINE_AA)

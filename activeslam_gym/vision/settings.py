@@ -10,20 +10,12 @@ ENOUGH = 1.0 - 1.0 / math.e  # of the limit of a feature's running record, from 
 LEAST_SIDE = 240  # pixels along an image that leave room for features
 
 
-def scale_of(focal: float, side: int) -> float:
-    """The power of two by which an image is reduced before it is searched: that brings its ``focal`` length [px]
-    nearest to FOCAL_PX, so that templates have the same angle in images of every size. Of a narrow lens, the longer
-    ``side`` of the image [px] keeps LEAST_SIDE pixels. An image whose longer side has fewer is enlarged, once."""
-    halvings = min(max(0, round(math.log2(focal / FOCAL_PX))), math.floor(math.log2(side / LEAST_SIDE)))
-    return 2.0 ** max(-1, halvings)
-
-
 @dataclass(frozen=True)
 class FrontEndSettings:
     """Settings of one front end; a frame is one image.
 
     The area of an ellipse is an angle: it is stated for a focal length of 195 px, and `seen_through` tells it for
-    another. Other pixels are those of the image that is searched, see `scale_of`.
+    another. Other pixels are those of the image that is searched, see `Calibration.scale`.
     """
 
     # Search

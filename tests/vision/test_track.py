@@ -20,7 +20,6 @@ from activeslam_gym.__main__ import main, parser
 from activeslam_gym.geometry import rotation_error
 from activeslam_gym.vision.first_sight import start_pose
 from activeslam_gym.vision.other_lenses import lens_from
-from activeslam_gym.vision.settings import scale_of
 from activeslam_gym.vision.sources import images_of
 from activeslam_gym.vision.target import read_target
 from activeslam_gym.vision.track import follow, track
@@ -220,7 +219,7 @@ IMAGES = [image_from(pose, samples=2) for pose in path(12)]
 
 @pytest.mark.parametrize(("focal", "side", "scale"), [(440.0, 320, 1), (880.0, 640, 2), (393.0, 480, 2), (1e9, 640, 2)])
 def test_an_image_of_a_narrow_lens_keeps_room_for_features(focal: float, side: int, scale: int) -> None:
-    assert scale_of(focal, side) == scale
+    assert LENS._replace(focal_px=focal, image_width=side).scale == scale
 
 
 def test_a_reduced_image_is_the_mean_of_its_pixels_and_cuts_what_is_left_over() -> None:
@@ -230,9 +229,9 @@ def test_a_reduced_image_is_the_mean_of_its_pixels_and_cuts_what_is_left_over() 
 
 
 def test_a_small_image_is_enlarged_about_the_same_rays_and_tracked() -> None:
-    assert scale_of(131.0, 160) == scale_of(300.0, 239) == 0.5 and scale_of(131.0, 240) == 1
     lens, small = LENS.reduced(2), [reduced(image, 2) for image in IMAGES]
-    assert lens.scale == 0.5 and lens.reduced(0.5) == pytest.approx(LENS)
+    assert lens.scale == lens._replace(focal_px=300.0, image_width=239).scale == 0.5
+    assert lens._replace(image_width=240).scale == 1 and lens.reduced(0.5) == pytest.approx(LENS)
     found = follow(zip(count(0.0, 1 / 30), small), lens, None, 30.0)
     large = follow(zip(count(0.0, 1 / 30), IMAGES), LENS, None, 30.0)
     assert not found.lost.any() and found.filter.camera.width == LENS.image_width

@@ -79,7 +79,7 @@ class FrontEnd:
 
     def __init__(self, filter: Filter, settings: FrontEndSettings | None = None) -> None:
         self.filter, self.camera = filter, filter.camera
-        self._focal, self._width, self._height = (float(self.camera[name]) for name in ("focal", "width", "height"))
+        self._focal, self._width = float(self.camera.focal), float(self.camera.width)
         self._centre = np.array((self.camera.u0, self.camera.v0))
         self.settings = (settings or FrontEndSettings()).seen_through(self._focal)
         self._gate = float(filter.models.filter.appearance.search_gate)

@@ -89,7 +89,8 @@ def steps_from_anywhere(
             front_end.start(frame[1], frame[0], ids, (pixels + 0.5) / calibration.scale - 0.5)
         if certain or ending is not None or len(held) * held[0][0][1].nbytes > _HELD:
             belief = filter.snapshot()
-            for (frame, log), camera, P, sure, known in zip(held, *search.cameras(reported)):
+            unreported = (column[reported:] for column in search.cameras())
+            for (frame, log), camera, P, sure, known in zip(held, *unreported):
                 filter.place_camera(camera, np.pad(P, ((0, 6), (0, 6))))
                 yield frame, log._replace(start_certain=bool(sure and wide), lost=log.lost or not known)
                 reported += 1
@@ -154,29 +155,26 @@ class Start:
         self._certain.append(opening)
         return opening._replace(certain=certain)
 
-    def cameras(self, since: int = 0) -> tuple[np.ndarray, ...]:
-        """Of the images from number ``since`` on the cameras (n, 13), at rest, the covariances (n, 6, 6) of position
-        and rotation, whether they are certain (n,), and whether they are known (n,): by the best opening, or before
-        it, as long as the camera has only turned."""
-        n, best = len(self._times) - since, self.best
+    def cameras(self) -> tuple[np.ndarray, ...]:
+        """Of the n images the cameras (n, 13), at rest, the covariances (n, 6, 6) of position and rotation, whether
+        they are certain (n,), and whether they are known (n,): by the best opening, or before it, as long as the camera
+        has only turned."""
+        n, best, R_WC = len(self._times), self.best, np.array(self.corners.turns)
         cameras, covariances, certain = np.zeros((n, CAMERA_SIZE)), np.tile(_TURNED, (n, 1, 1)), np.zeros(n, bool)
-        R_WC, place = np.array(self.corners.turns), np.zeros((len(self._times), 3))
-        known = np.array(self.corners.turned) & (np.arange(len(self._times)) >= self.corners.since)
+        known = np.array(self.corners.turned) & (np.arange(n) >= self.corners.since)
         if best is not None:
             first = int(best.images[0])
-            R_WC[first:], place[first:] = _poses(self.corners, best)
+            R_WC[first:], cameras[first:, POSITION] = _poses(self.corners, best)
             own = np.zeros((len(best.images), 6, 6))
             for k in range(1, len(own)):
                 own[k] = best.covariance[6 * k - 6 : 6 * k, 6 * k - 6 : 6 * k]
-            later = np.arange(max(first - since, 0), n)
             for i, j in np.ndindex(6, 6):
-                covariances[later, i, j] = np.interp(later + since, best.images, own[:, i, j])
-            covariances[later] += _LEAST_VARIANCE * np.eye(6)
-            certain[later], known[first:] = best.certain, True
+                covariances[first:, i, j] = np.interp(np.arange(first, n), best.images, own[:, i, j])
+            covariances[first:] += _LEAST_VARIANCE * np.eye(6)
+            certain[first:], known[first:] = best.certain, True
             known[:first] &= bool(self.corners.turned[first])
-        cameras[:, POSITION] = place[since:]
-        cameras[:, QUATERNION] = np.roll(Rotation.from_matrix(R_WC[since:]).as_quat(), 1, axis=1)
-        return cameras, covariances, certain, known[since:]
+        cameras[:, QUATERNION] = np.roll(Rotation.from_matrix(R_WC).as_quat(), 1, axis=1)
+        return cameras, covariances, certain, known
 
     def belief(self, best: Opening, acceleration_stds: tuple[float, float], most: int) -> tuple[np.ndarray, ...]:
         """Of the last image and the ``best`` opening, which ends there, the camera (13,), ``most`` points or fewer by
@@ -237,7 +235,8 @@ def _adjusted(corners: Corners) -> Opening | None:
         return None
     bundle = Bundle(z, std)
     tried = _distinct([bundle.fit(x, _FIRST) for x in _hypotheses(corners, images, z)], _NEAR)
-    std = std * _scale(bundle, tried[0][0])
+    squares = bundle.squares(tried[0][0])[bundle.seen]
+    std = std * max(_LEAST, float(np.sqrt(np.median(squares) / (2.0 * np.log(2.0)))))  # by the median of chi-square
     bundle = Bundle(z, std)
     tried = _distinct([bundle.fit(x, _ROUNDS) for x, _ in tried])
     tried = _distinct([*tried, bundle.fit(_inside_out(tried[0][0], z), _ROUNDS)])
@@ -259,11 +258,6 @@ def _adjusted(corners: Corners) -> Opening | None:
     depth = np.median(np.sqrt(np.abs(np.diag(P)[cameras + 2 :: 3])) / x.rho)
     certain = bool(clear > _CLEAR and share > _KEPT and way < _SHARP[0] and depth < _SHARP[1])
     return Opening(images, x, P, used, certain)
-
-
-def _scale(bundle: Bundle, x: Geometry) -> float:
-    """Deviation of the residuals over their supposed one, by the median."""
-    return max(_LEAST, float(np.sqrt(np.median(bundle.squares(x)[bundle.seen]) / (2.0 * np.log(2.0)))))
 
 
 def _distinct(tried: list[tuple[Geometry, float]], most: float = np.inf) -> list[tuple[Geometry, float]]:

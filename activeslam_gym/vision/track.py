@@ -26,6 +26,7 @@ from activeslam_gym.files import argument, demand_writable
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.belief import SPARE_FEATURES
 from activeslam_gym.slam.filter import Filter
+from activeslam_gym.vision.bundle import UNIT
 from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.diagnosis import TURNED, Diagnosis, blemish
 from activeslam_gym.vision.drawing import as_first_seen, drawn
@@ -52,7 +53,7 @@ HAND_HELD: dict[str, Any] = {
     "inverse_depth_std": 0.75,
 }
 """Fields of the scenario of a camera in the hand."""
-UNSCALED = {"inverse_depth_mean": 1.5, "inverse_depth_std": 0.75}
+UNSCALED = {"inverse_depth_mean": UNIT, "inverse_depth_std": 0.75}
 """The same without a target: the mean only sets the unit. With a wider spread the scale drifts, and the map is lost."""
 UNCERTAIN = "the start is uncertain, and with it all poses"
 AT_REST = "the camera was at rest or only turned, or something moved before it"

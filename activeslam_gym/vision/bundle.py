@@ -15,6 +15,7 @@ UNIT = 1.5
 """Mean inverse depth of the points."""
 _CAUCHY = 2.0  # deviations from which a residual counts as an outlier
 _GAUGE = 1e6  # weight of the mean inverse depth
+_ENOUGH = 1e-3  # gain of an iteration under which it is the last
 _POSE_ROUNDS = 6  # iterations of a camera alone
 _BEHIND = 2.0  # residual of a point behind a camera [rad]
 
@@ -62,7 +63,7 @@ class Bundle:
         self._std = np.where(self.seen, stds, 1.0)
         self._across = tangents(self.bearings)
 
-    def fit(self, x: Geometry, rounds: int, enough: float = 1e-3) -> tuple[Geometry, float]:
+    def fit(self, x: Geometry, rounds: int) -> tuple[Geometry, float]:
         """The geometry of a minimum near ``x``, and its `cost`, by Levenberg and Marquardt's method."""
         x = x.in_unit()
         cost, damping = self.cost(x), 1e-3
@@ -77,7 +78,7 @@ class Bundle:
             else:
                 break
             gain, x, cost, damping = cost - below, nearer, below, max(damping / 5.0, 1e-9)
-            if gain < enough:
+            if gain < _ENOUGH:
                 break
         return x, cost
 

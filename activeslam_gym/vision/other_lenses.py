@@ -67,15 +67,14 @@ class Lens(NamedTuple):
 
     def fields(self) -> dict[str, Any]:
         """The lens as OpenCV has it in JSON, with its model's name."""
-        numbers = {"camera_matrix": self.matrix, "distortion_coefficients": self.coefficients[None]}
-        named = {
+        kind: dict[str, Any] = {"type_id": "opencv-matrix", "dt": "d"}
+        bent = self.coefficients.tolist()
+        return {
             "image_width": self.size[0],
             "image_height": self.size[1],
-            "distortion_model": ("radtan", "fisheye")[self.fisheye],
-        }
-        form = {"type_id": "opencv-matrix", "dt": "d"}
-        return named | {
-            k: {**form, "rows": len(m), "cols": len(m.T), "data": m.ravel().tolist()} for k, m in numbers.items()
+            "distortion_model": "fisheye" if self.fisheye else "radtan",
+            "camera_matrix": {**kind, "rows": 3, "cols": 3, "data": self.matrix.ravel().tolist()},
+            "distortion_coefficients": {**kind, "rows": 1, "cols": len(bent), "data": bent},
         }
 
 

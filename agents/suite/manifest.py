@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from activeslam_gym import BEHAVIOUR
-from activeslam_gym.config import SCENARIOS, TRAINING_SEED, benchmark_seed
+from activeslam_gym.config import SCENARIOS, TRAINING_SEED, benchmark_seed, did_you_mean
 from activeslam_gym.evaluation.code import digest
 from agents.tools.files import reading
 
@@ -80,8 +80,9 @@ def suite(name: str) -> Suite:
     """
     path = Path(name) if name.endswith(".json") else FOLDER / f"{name}.json"
     if not path.is_file():
-        known = ", ".join(sorted(one.stem for one in FOLDER.glob("*.json")))
-        raise ValueError(f"suite: {name!r}; allowed: {known}, a manifest of your own (NAME.json)")
+        known = sorted(one.stem for one in FOLDER.glob("*.json"))
+        allowed = f"{', '.join(known)}, a manifest of your own (NAME.json)"
+        raise ValueError(f"suite: {name!r}{did_you_mean(name, known)}; allowed: {allowed}")
     drawn = next((row for row in draws(path.parent) if row["suite"] == path.stem), None)
     with reading(path):
         given = json.loads(path.read_text(encoding="utf-8"))

@@ -44,7 +44,7 @@ LEARNED  := --scenario $(ASKING) --test-episodes 0
 QUICK    := --reward log_score --num-envs 4 --total-steps 40000 --validation-episodes 8
 FULL     := --recipe full --num-envs 8 --period 40000 --validation-episodes 24
 
-learners: $(VENV)/.agents ## train five seeds of each learner again (two and a half hours; the same command goes on): weights of their entries
+learners: $(VENV)/.agents ## train five seeds of each learner again (about three hours; the same command goes on): weights of their entries
 	printf '%s\n' $(TRAINED) | OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 xargs -P $(WORKERS) -I NAME sh -c 'name=NAME; \
 		case $$name in *-full-*) budget="$(FULL)";; *) budget="$(QUICK)";; esac; \
 		exec $(RUN) -m agents train --algorithm $${name%%-*} --seed $${name##*-} $$budget $(LEARNED) --out results/learners/$$name'

@@ -23,7 +23,7 @@ from .constants import Choose, key_of
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Write the tables; the exit status: 2 for a mistake, which is told in a line, 130 for Ctrl-C."""
+    """Write the tables; the exit status: 2 for a mistake, 130 for Ctrl-C."""
     made = argparse.ArgumentParser(prog="python -m baselines", description=__doc__)
     made.add_argument("names", nargs="*", metavar="SCENARIO", help="scenarios to choose for (default: all named ones)")
     made.add_argument("--cluster", help="address of a Ray cluster that plays the open-loop episodes, such as 'auto'")

@@ -172,7 +172,7 @@ class FrontEnd:
         self._search(grey)
         outcome = self.searched.outcome
         searched, found, matched = len(outcome), int((outcome != MISSED).sum()), int((outcome == MATCHED).sum())
-        seen = matched >= (s.constellation if self._is_lost else 3)  # so many tell the pose
+        seen = matched >= (s.constellation if self._is_lost else 3)  # so many determine the pose
         if before is not None and not seen:
             self.filter.restore(before)  # the map is not there
         clear = self._notice(seen, searched)

@@ -33,7 +33,7 @@ USUAL_RATE = 30.0
 """Images a second [Hz] where nothing tells."""
 _TURNS = {6: -1, 8: 1}  # quarter turns to the left of EXIF's Orientation
 _CLOCK, _NEVER, _NANOSECONDS = 1e8, 1e11, 1e17  # a name over the first is a time [s]; over the last it is in ns
-_RATES = 0.5, 1e4  # fewest and most images a second that times can tell [Hz]
+_RATES = 0.5, 1e4  # fewest and most images a second that times may mean [Hz]
 
 
 class SourceError(ValueError):
@@ -151,7 +151,9 @@ def _at_times(files: list[Path], rows: list[tuple[float, str]], times: str | Pat
     """The ``files`` that are named in the ``rows`` of ``times``, or all, and their times."""
     if all(name for _, name in rows):
         known, count = {file.name: file for file in files}, len(files)
-        rows = [(stamp, Path(name).name) for stamp, name in rows if Path(name).name in known]
+        named, rows = len(rows), [(stamp, Path(name).name) for stamp, name in rows if Path(name).name in known]
+        if 0 < len(rows) < named:
+            print(f"{named - len(rows)} of {named} pictures that {times} names are missing", file=sys.stderr)
         if 0 < len(rows) < len(files):
             print(f"{times} names {len(rows)} of {len(files)} images, which are used", file=sys.stderr)
         files = [known[name] for _, name in rows]

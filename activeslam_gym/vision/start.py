@@ -65,7 +65,7 @@ def steps_from_anywhere(
     source: Iterator[Frame], calibration: Calibration, front_end: FrontEnd
 ) -> Iterator[tuple[Frame, FrameLog]]:
     """Track the images of ``source`` without a target by a ``front_end`` that has seen nothing: each image, and what
-    was seen in it. The images until the start is certain are held, and told then.
+    was seen in it. The images until the start is certain are buffered, and reported then.
 
     If the start is never certain, or the images are too many to be held, the logs say so. An exception of the source is
     raised when it is its turn.

@@ -167,7 +167,7 @@ def follow(
 ) -> Track:
     """Track ``images``; trouble with an image, or Ctrl-C, ends the track, and the part before it is kept.
 
-    Without a ``target`` the scale is free, see the module, and the images until the start is certain are told late
+    Without a ``target`` the scale is free, see the module, and the images until the start is certain are reported late
     (`vision.start`). ``watch`` is called after each image; the first has no log. The map has room for so many
     ``features``.
 
@@ -275,10 +275,13 @@ def interruptible(steps: Iterable[Item]) -> Generator[Item, None, None]:
 
 
 def _of_size(frames: Iterable[Frame], calibration: Calibration) -> Iterator[Frame]:
-    """The same; a ValueError at the first that does not fit the calibration."""
+    """The same; a ValueError at the first that does not fit the calibration, or where there is none."""
+    frame = None
     for frame in frames:
         calibration.check_image(frame[1])
         yield frame
+    if frame is None:
+        raise SourceError("images: there is none; allowed: one or more of (time, grey image)")
 
 
 def _with_progress(frames: Iterable[Frame], total: int | None) -> Iterable[Frame]:

@@ -6,11 +6,10 @@ with a stratified bootstrap, and the probability of improvement. Failures come f
 mean does not see them.
 """
 
-import csv
-import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +20,7 @@ from agents.suite.enter import Entry
 from agents.suite.manifest import Suite, suite
 from agents.summary import FEWEST, RESAMPLES, TAILS, Aggregate, aggregate, interquartile_mean
 from agents.tools.arguments import Pages, command_line
-from agents.tools.files import write_text
+from agents.tools.files import write_csv
 from agents.tools.sections import Table, provenance, put_section
 
 Array = NDArray[np.float64]
@@ -61,7 +60,7 @@ def main(args: Args) -> int:
     text = "\n\n".join([*parts, f"### {scenarios.title}", scenarios.markdown()])
     for page in args.report:
         if put_section(page, SECTION, text):
-            write_csv(results, page.with_suffix(".csv"))
+            write_csv(page.with_suffix(".csv"), rows_of(results))
             draw(of, results, page.parent / "images" / f"{SECTION}.png")
         put_section(page, SHORT, f"{shortened(whole, of, found).markdown()}\n\n{SHORT_LEGEND}")
     return 0
@@ -158,17 +157,17 @@ def tables(of: Suite, results: Sequence[Result]) -> tuple[Table, Table]:
     return whole, Table("Each scenario", header, rows)
 
 
-def write_csv(results: Sequence[Result], path: Path) -> None:
-    """Write a row for each entry in each scenario."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    bounds = [f"{name}{end}" for name in ("log_score", "lead") for end in ("", "_low", "_high")]
-    writer.writerow(["entry", "scenario", *bounds, "failures"])
+def rows_of(results: Sequence[Result]) -> list[dict[str, Any]]:
+    """A row for each entry in each scenario: scores and leads [bit] with their intervals, and the share of failures."""
+    rows = []
     for one in results:
         for scenario, own in one.scenarios.items():
-            values = [value for part in (own.score, own.lead) for value in (part.value, part.low, part.high)]
-            writer.writerow([one.entry.name, scenario, *(f"{value:.1f}" for value in values), f"{own.failures:.4f}"])
-    write_text(path, text.getvalue())
+            row: dict[str, Any] = {"entry": one.entry.name, "scenario": scenario}
+            for name, part in (("log_score", own.score), ("lead", own.lead)):
+                ends = zip(("", "_low", "_high"), (part.value, part.low, part.high))
+                row |= {f"{name}{end}": round(value, 1) for end, value in ends}
+            rows.append(row | {"failures": round(own.failures, 4)})
+    return rows
 
 
 def draw(of: Suite, results: Sequence[Result], path: Path) -> None:

@@ -1,6 +1,5 @@
 """The benchmark: seeds that were unknown before, entries, and their verification."""
 
-import csv
 import hashlib
 import json
 import re
@@ -274,11 +273,9 @@ def test_the_board_of_made_up_scores(tmp_path: Path, monkeypatch: pytest.MonkeyP
     first = [one.scenarios[of.scenarios[0]] for one in results]
     assert [one.lead.text(digits=0) for one in first][2:] == ["0 [0, 0]", "-50 [-50, -50]"]
     assert first[1].lead.text(digits=0).startswith("50 [4") and [one.failures for one in first] == [0.25, 0.0, 0.0, 0.0]
-    leaderboard.write_csv(results, tmp_path / "board.csv")
-    with (tmp_path / "board.csv").open() as file:
-        kept = list(csv.DictReader(file))
+    kept = leaderboard.rows_of(results)
     assert len(kept) == 4 * len(of.scenarios)
-    assert (kept[0]["entry"], kept[0]["log_score"], kept[0]["failures"]) == ("sure", "400.0", "0.2500")
+    assert (kept[0]["entry"], kept[0]["log_score"], kept[0]["failures"]) == ("sure", 400.0, 0.25)
     leaderboard.draw(of, results, tmp_path / "board.png")
     assert (tmp_path / "board.png").read_bytes().startswith(b"\x89PNG")
 

@@ -71,7 +71,8 @@ def test_a_list_chooses_and_says_so(tmp_path, capsys) -> None:
     (tmp_path / "some.txt").write_text("1.0 2.png\n2.0 gone.png\n3.0 0.png\n")
     pictures(tmp_path / "a", ["0.png", "1.png", "2.png"])
     assert seen(images_of(tmp_path / "a", times=tmp_path / "some.txt").frames) == [2, 0]
-    assert "names 2 of 3 images" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "names 2 of 3 images" in told and "1 of 3 pictures that" in told
 
 
 @pytest.mark.parametrize(

@@ -180,6 +180,12 @@ def test_sigterm_loses_no_track(sequence, tmp_path) -> None:
     assert film.isOpened() and abs(film.get(cv2.CAP_PROP_FRAME_COUNT) - len(written)) <= 2
 
 
+def test_no_image_is_an_error() -> None:
+    for target in (None, TARGET):
+        with pytest.raises(ValueError, match="images: there is none"):
+            follow([], LENS, target, 30.0)
+
+
 def test_the_track_before_trouble_is_kept(sequence, tmp_path, capsys) -> None:
     (tmp_path / "images").mkdir()
     for k in range(4):

@@ -11,11 +11,10 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from activeslam_gym import rendering
 from activeslam_gym.envs.snapshot import Snapshot
 from activeslam_gym.evaluation import Observer, row_of
 from activeslam_gym.files import written_whole
-from activeslam_gym.rendering import NoScreen
+from activeslam_gym.rendering.picture import REFERENCE_SIZE, NoScreen, draw
 from activeslam_gym.rendering.scene import TEXT
 from agents.task import Task, check, file_name, make_environment, run_policy
 from agents.tools.arguments import SEEDS, Times, given, within
@@ -106,7 +105,7 @@ class Film:
 
     def __init__(self, every: float, width: int) -> None:
         self.every = every
-        self.size = (width, round(width * rendering.REFERENCE_SIZE[1] / rendering.REFERENCE_SIZE[0]))
+        self.size = (width, round(width * REFERENCE_SIZE[1] / REFERENCE_SIZE[0]))
         self._moments: list[tuple[Snapshot, bool]] = []  # and whether it is lost then
 
     def observe(self, core: Any, info: dict[str, Any]) -> None:
@@ -122,7 +121,7 @@ class Film:
 
     def pictures(self, beside: Sequence[tuple[np.ndarray, np.ndarray]] = ()) -> list[Picture]:
         """The moments as pictures, with the entropies of the films ``beside`` in each (their `curve`)."""
-        drawn = ((rendering.draw(moment, self.size, beside), lost) for moment, lost in self._moments)
+        drawn = ((draw(moment, self.size, beside), lost) for moment, lost in self._moments)
         return [written(one, 0.08 * len(one), "lost", LOST) if lost else one for one, lost in drawn]
 
 

@@ -122,7 +122,7 @@ def test_an_edit_of_a_module_with_kernels_has_a_cache_of_its_own(read_only: Path
     (announcement,) = said(folder, **there).splitlines()
     assert "kept for the next time" in announcement
     assert said(folder, **there) == ""
-    drawing = folder / PACKAGE.name / "rendering" / "panels.py"
+    drawing = folder / PACKAGE.name / "rendering" / "picture.py"
     drawing.write_text(drawing.read_text("utf-8") + "\n", encoding="utf-8")
     assert said(folder, **there) == ""
     source = folder / PACKAGE.name / "linalg.py"  # another module than the kernel's own

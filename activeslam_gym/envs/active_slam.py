@@ -259,9 +259,9 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
             return None
         if self.render_mode == "human":
             return None
-        from activeslam_gym import rendering
+        from activeslam_gym.rendering.picture import draw
 
-        return rendering.draw(self.snapshot(), self.render_size)
+        return draw(self.snapshot(), self.render_size)
 
     def close(self) -> None:
         """Close the window, if there is one."""
@@ -274,9 +274,9 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
             return
         self._histories[0].record(self.time, self._run)
         if self.render_mode == "human":
-            from activeslam_gym import rendering
+            from activeslam_gym.rendering.picture import Window
 
-            self._window = self._window or rendering.Window(self.render_size)
+            self._window = self._window or Window(self.render_size)
             self._window.show(self.snapshot())
 
     def snapshot(self) -> Snapshot:

@@ -135,9 +135,9 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         if self.render_mode is None:
             gymnasium.logger.warn("render() does nothing without a render_mode; make the environment with 'rgb_array'")
             return None
-        from activeslam_gym import rendering
+        from activeslam_gym.rendering.picture import draw
 
-        return tuple(rendering.draw(self.snapshot(i), self.render_size) for i in range(self.num_envs))
+        return tuple(draw(self.snapshot(i), self.render_size) for i in range(self.num_envs))
 
     def close_extras(self, **kwargs: Any) -> None:
         """End the threads."""

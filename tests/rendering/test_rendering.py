@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 pytest.importorskip("matplotlib")
 
-from activeslam_gym import Gaze, Motion, Scenario, rendering
+from activeslam_gym import Gaze, Motion, Scenario
+from activeslam_gym.rendering import picture as rendering
 from activeslam_gym.rendering import scene
 from tests.support import random_spd
 

@@ -270,9 +270,6 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
             self._window = None
 
     def _show(self) -> None:
-        if self.render_mode is None:
-            return
-        self._histories[0].record(self.time, self._run)
         if self.render_mode == "human":
             from activeslam_gym.rendering.picture import Window
 

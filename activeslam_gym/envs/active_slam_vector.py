@@ -18,7 +18,6 @@ from activeslam_gym.envs.reset import empty_runs
 from activeslam_gym.envs.setting import checked_rendering, resolve
 from activeslam_gym.envs.snapshot import Snapshot, snapshot_of
 from activeslam_gym.envs.step import BEGIN, REST, STEP
-from activeslam_gym.kernels import row
 from activeslam_gym.sensors.sensor import IMAGES
 from activeslam_gym.threads import Workers
 
@@ -77,7 +76,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         limit = int(setting.task.steps) if max_episode_steps is None else max_episode_steps
         self._steps = min(int(setting.task.steps), whole_number("max_episode_steps", limit))
         self._seeded: list[tuple[np.random.Generator, int] | None] = [None] * self.num_envs
-        self._begun, self._over = np.zeros(self.num_envs, bool), np.zeros(self.num_envs, bool)
+        self._over = np.zeros(self.num_envs, bool)
         self.closed = False
 
     def reset(
@@ -111,7 +110,6 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         commands = self._encoding.read(actions, ~beginning)
         self._reset_runs(beginning)
         self._play(np.where(beginning, BEGIN, STEP), np.where(beginning[:, None], 0.0, commands))
-        self._record(np.ones(self.num_envs, bool))
         episode = self._runs.episode
         rewards = episode["reward"].copy()
         terminated = episode["lost"] & ~beginning & self._end_when_lost
@@ -162,7 +160,8 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         return snapshot_of(self, i)
 
     def _demand_reset(self) -> None:
-        ready = self._begun & ~self._over if self.autoreset_mode is AutoresetMode.DISABLED else self._begun
+        begun = self._runs.episode["begun"]
+        ready = begun & ~self._over if self.autoreset_mode is AutoresetMode.DISABLED else begun
         if not ready.all():
             idle = np.flatnonzero(~ready).tolist()
             raise gymnasium.error.ResetNeeded(
@@ -173,9 +172,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         """Begin the runs that are ``chosen`` (B,), and leave the others alone."""
         self._reset_runs(chosen)
         self._play(np.where(chosen, BEGIN, REST), np.where(chosen[:, None], 0.0, self._commands))
-        self._begun |= chosen
         self._over = self._over & ~chosen
-        self._record(chosen)
 
     def _reset_runs(self, chosen: np.ndarray) -> None:
         """Give new rooms, each by a key of its own generator, where ``chosen`` (B,)."""
@@ -200,14 +197,6 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         masks = {f"_{key}": over.copy() for key in ended}
         self._begin(over)
         return ended | masks
-
-    def _record(self, chosen: np.ndarray) -> None:
-        """Keep the history that pictures show, where ``chosen`` (B,)."""
-        if self.render_mode is None:
-            return
-        times = self.time
-        for i in np.flatnonzero(chosen).tolist():
-            self._histories[i].record(float(times[i]), row(self._runs, i))
 
 
 class ActiveSLAMDiscreteVectorEnv(ActiveSLAMVectorEnv):

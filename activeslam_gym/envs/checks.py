@@ -96,8 +96,7 @@ def check_sensor(sensor: Any, scenario: Given = "paper", seed: int = 0) -> None:
     for _ in range(STEPS):
         env.step(env.action_space.sample())
         truth, time = env.truth, float(env.time)
-        camera = np.concatenate((truth.position, truth.quaternion, truth.velocity, truth.angular_velocity))
-        points = np.concatenate((truth.fiducials, truth.landmarks))
+        camera, points = truth.camera, np.concatenate((truth.fiducials, truth.landmarks))
         values, labels = measured(what, first, truth, time, len(noise))
         for one in (first, twin):
             same = np.array_equal(values, measured(what, one, truth, time, len(noise)).values)

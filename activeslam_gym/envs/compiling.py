@@ -43,7 +43,7 @@ def compile_all(kernels: Sequence[Callable[[], None]]) -> None:
     Raises:
         RuntimeError: a process failed; its messages.
     """
-    began, done = time.monotonic(), list[str]()
+    began = time.monotonic()
 
     def run(kernel: Callable[[], None]) -> str:
         command = f"from {__name__} import {kernel.__name__}; {kernel.__name__}()"
@@ -54,9 +54,7 @@ def compile_all(kernels: Sequence[Callable[[], None]]) -> None:
 
     with ThreadPoolExecutor(available_cores()) as pool:
         for one in as_completed([pool.submit(run, kernel) for kernel in kernels]):
-            done.append(one.result())
-            bar = "#" * len(done) + "." * (len(kernels) - len(done))
-            line = f"activeslam_gym: kernels [{bar}] {', '.join(done)}: {time.monotonic() - began:.0f} s"
+            line = f"activeslam_gym: kernels of {one.result()} are ready after {time.monotonic() - began:.0f} s"
             print(line, file=sys.stderr, flush=True)
 
 

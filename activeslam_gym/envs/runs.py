@@ -45,6 +45,7 @@ class Runs:
     """
 
     _encoding: Encoding = PAIRS
+    render_mode: str | None = None
 
     def __init__(self, setting: Setting, runs: Run, workers: Workers) -> None:
         task = setting.task
@@ -65,7 +66,7 @@ class Runs:
         count = len(runs.episode)
         self._orders, self._commands = np.zeros(count, np.int64), np.zeros((count, 4))
         self._perceptions: list[Any] = [None] * count
-        self._histories = [History() for _ in range(count)]
+        self._past: list[list[np.ndarray]] = [[] for _ in range(count)]  # moments (9,) for pictures, see `_remember`
 
     def _reset_run(self, i: int, key: int) -> None:
         """Give run ``i`` a new room from ``key``; it is to BEGIN next."""
@@ -73,7 +74,7 @@ class Runs:
             start = reset_run(self.setting, self._runs, i, key)
             if not self._compiled:
                 self._perceptions[i] = perception_of(self.setting, row(self._runs, i), start, key)
-        self._histories[i] = History()
+        self._past[i] = []
 
     def _play(self, orders: Any, commands: Any) -> None:
         """Carry out ``orders`` (B,) and ``commands`` (B, 4), or one for all; see `step.step_runs`."""
@@ -88,6 +89,16 @@ class Runs:
                 step_runs_in_python(self._runs, self._perceptions, self._orders, self._commands, *everyone)
         if self._foreign_reward:
             self._give_foreign_rewards()
+        if self.render_mode is not None:
+            for i in np.flatnonzero(self._orders != REST).tolist():
+                self._remember(i)
+
+    def _remember(self, i: int) -> None:
+        """Add a moment to the past of run ``i``: time, entropy, mapped landmarks, and true and estimated position."""
+        run = row(self._runs, i)
+        evaluation, cameras = run.episode.evaluation, (run.world.state.camera, run.estimate.state.camera)
+        now = run.episode.steps * self.gaze_period, evaluation.entropy, evaluation.landmarks_mapped
+        self._past[i].append(np.concatenate((now, *(camera[POSITION] for camera in cameras))))
 
     def _give_foreign_rewards(self) -> None:
         """The reward of the step by a foreign potential; where the estimate is not sound, that keeps its value."""
@@ -157,29 +168,3 @@ class Runs:
         """(L,) distance of each true landmark from its mapped feature [m]; NaN where it is not. For the evaluator."""
         each = [landmark_errors(run.owner, run.world.landmarks, run.estimate) for run in self._each()]
         return self._given(np.stack(each))
-
-
-class History:
-    """The past that a picture shows: kept only by environments that render."""
-
-    def __init__(self) -> None:
-        self._moments: list[tuple[float, np.ndarray, np.ndarray, float]] = []
-        self._landmark_times: list[float] = []
-
-    def record(self, time: float, run: Run) -> None:
-        """Add the present moment."""
-        evaluation = run.episode.evaluation
-        positions = (camera[POSITION].copy() for camera in (run.world.state.camera, run.estimate.state.camera))
-        self._moments.append((time, *positions, float(evaluation.entropy)))
-        self._landmark_times += [time] * (int(evaluation.landmarks_mapped) - len(self._landmark_times))
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        """The fields of a `Snapshot` about the past."""
-        times, true_positions, positions, entropy = zip(*self._moments, strict=True) if self._moments else ((),) * 4
-        return {
-            "true_trajectory": np.reshape(true_positions, (-1, 3)),
-            "estimated_trajectory": np.reshape(positions, (-1, 3)),
-            "times": np.array(times),
-            "entropy": np.array(entropy),
-            "landmark_times": np.array(self._landmark_times),
-        }

@@ -8,11 +8,9 @@ from typing import Any
 from activeslam_gym.camera import camera_of
 from activeslam_gym.config import (
     BOUNDS,
-    BOXES,
     CENTRE,
     CLUSTERS,
     CORNER,
-    INVERSE_DEPTH,
     KNOWN,
     MOST_HELD_FRAMES,
     UNIFORM,
@@ -36,7 +34,6 @@ from activeslam_gym.motion import motion_of
 from activeslam_gym.registry import name_of, number_of, part_of
 from activeslam_gym.sensors.sensor import OWN_SENSORS, TEXTURED
 from activeslam_gym.slam.ekf import ESTIMATORS
-from activeslam_gym.slam.estimate import EKF
 from activeslam_gym.slam.filter import filter_of
 from activeslam_gym.world.room import scene_factory
 from activeslam_gym.world.simulator import sensor_of
@@ -213,25 +210,12 @@ def checked_rendering(mode: Any, modes: Sequence[str], size: Any) -> tuple[str |
     return mode, (width, height)
 
 
-_TEXTURED: dict[str, tuple[Any, ...]] = {
-    "scene": (BOXES,),
-    "initialisation": (INVERSE_DEPTH,),
-    "estimator": (EKF,),
-    "start": (CENTRE, CORNER, WALL),
-    "landmark_layout": (UNIFORM, CLUSTERS),
-    "boxes": ((),),
-    "box_count": ((0, 0),),
-    "inner_walls": ((0, 0),),
-    "varied": ((),),
-    "maximum_distance": (None,),
-    "clutter_rate": (0.0,),
-    "missed_detection_probability": (0.0,),
-    "labelled_first_match": (False,),
-}
-"""Values that fields of a scenario may have in a textured room."""
-_UNUSED = "association", "restarts", "maximum_misses", "miss_spacing", "inverse_depth_memory"
-"""Fields that the front end does not read: it associates and deletes features by their looks."""
-_TEXTURED |= {name: (getattr(Scenario(), name),) for name in _UNUSED}
+_NOT_TEXTURED = (
+    *("scene", "estimator", "initialisation", "association", "restarts", "maximum_misses", "miss_spacing"),
+    *("inverse_depth_memory", "labelled_first_match", "boxes", "box_count", "inner_walls", "varied"),
+    *("maximum_distance", "clutter_rate", "missed_detection_probability"),
+)
+"""Fields that must keep their defaults in a textured room: its drawing and its front end do not read them."""
 
 
 def require_textured(scenario: Scenario) -> None:
@@ -245,7 +229,9 @@ def require_textured(scenario: Scenario) -> None:
     from activeslam_gym.vision.room.camera import TARGET_CORNERS
 
     opencv()
-    for name, allowed in {**_TEXTURED, "fiducial_count": (TARGET_CORNERS,)}.items():
+    allowed_of: dict[str, tuple[Any, ...]] = {name: (getattr(Scenario(), name),) for name in _NOT_TEXTURED}
+    layouts = {"start": (CENTRE, CORNER, WALL), "landmark_layout": (UNIFORM, CLUSTERS)}
+    for name, allowed in {**allowed_of, **layouts, "fiducial_count": (TARGET_CORNERS,)}.items():
         if (value := getattr(scenario, name)) not in allowed:
             message = f"scenario.{name} must be {' or '.join(map(repr, allowed))} for {scenario.sensor}"
             raise ValueError(f"{message}, got {value!r}")

@@ -18,7 +18,7 @@ from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.simulator import boxes_of
 from activeslam_gym.world.truth import Truth, truth_of
 
-_PLACES, _LEVEL_RAYS = 40, 180  # of the rays that draw the floor plan of a foreign scene
+_PLAN_POINTS = 3000  # of which the upright ones draw the floor plan of a foreign scene
 
 
 @dataclass(frozen=True)
@@ -59,20 +59,14 @@ class Snapshot:
     """(H, W) uint8 what the camera sees, where there is an image."""
 
 
-def _floor_plan(scene: Scene | None, position: np.ndarray) -> np.ndarray:
-    """What level rays meet, from the camera's ``position`` and, where the ``scene`` knows some, from other places."""
+def _floor_plan(scene: Scene | None) -> np.ndarray:
+    """Feet of points on the upright surfaces of the ``scene``."""
     if scene is None:
         return np.zeros((0, 3))
-    start, rng = getattr(scene, "start", None), np.random.default_rng(0)
-    places = np.array([position, *([start(rng) for _ in range(_PLACES)] if start else [])])
-    turns = np.linspace(0.0, 2.0 * np.pi, _LEVEL_RAYS, endpoint=False)
-    ways = np.stack((np.sin(turns), np.zeros_like(turns), np.cos(turns)), axis=1)
-    origins, ways = np.repeat(places, len(ways), axis=0), np.tile(ways, (len(places), 1))
-    farthest = float(np.ptp(scene.bounds, axis=0).max())
-    free = scene.clearance(origins, ways, farthest)
-    met = (origins + free[:, None] * ways)[free < farthest]
-    met[:, 1] = scene.bounds[0, 1]
-    return met
+    points, normals = scene.sample(_PLAN_POINTS, np.random.default_rng(0))
+    plan = points[np.abs(normals[:, 1]) < 0.5]
+    plan[:, 1] = scene.bounds[0, 1]
+    return plan
 
 
 def snapshot_of(runs: Runs, i: int) -> Snapshot:
@@ -87,6 +81,8 @@ def snapshot_of(runs: Runs, i: int) -> Snapshot:
     truth, episode, waiting = truth_of(run.world), run.episode, run.expected["feature"] == WAITING
     image = getattr(perception, "image", None)
     landmarks = truth.landmarks if image is None else truth.landmarks[~waiting]
+    past = np.reshape(runs._past[i], (-1, 9))
+    times, most_mapped = past[:, 0], np.maximum.accumulate(past[:, 2])
     points = sight_of_belief(run.models.lens, run.ekf, run.world.fiducials, uncompiled(known_boxes)(run))
     drawn = len(points.point) if scenario.estimator in COMPILED else 0  # another estimator's predictions are its own
     own = 2 * np.arange(drawn)[:, None, None] + np.arange(2)
@@ -99,11 +95,15 @@ def snapshot_of(runs: Runs, i: int) -> Snapshot:
         belief=public_belief(run),
         truth=replace(truth, landmarks=landmarks, boxes=boxes_of(run.world).copy()),
         room_size=2.0 * run.models.motion.half,
-        floor_plan=_floor_plan(getattr(perception, "scene", None), truth.position),
+        floor_plan=_floor_plan(getattr(perception, "scene", None)),
         expected_landmarks=run.expected["point"][waiting],
         detections=run.detections["pixel"][: episode.detection_count].copy(),
         predicted=points.point["z_hat"][:drawn].copy(),
         predicted_covariance=points.S[np.swapaxes(own, 1, 2), own],
-        **runs._histories[i].arrays(),
+        true_trajectory=past[:, 3:6],
+        estimated_trajectory=past[:, 6:],
+        times=times,
+        entropy=past[:, 1],
+        landmark_times=np.repeat(times, np.diff(most_mapped, prepend=0.0).astype(int)),
         image=image,
     )

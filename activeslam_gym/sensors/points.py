@@ -33,10 +33,9 @@ class PointSensor:
         for name, absent in (("clutter_rate", 0.0), ("true_focal_px", None), ("true_distortion", None)):
             if (given := getattr(self._scenario, name)) != absent:
                 raise ValueError(f"scenario.{name} must be {absent}, got {given}: a sensor of one's own has none")
-        points = np.vstack((truth.fiducials, truth.landmarks))
+        camera, points = truth.camera, np.vstack((truth.fiducials, truth.landmarks))
         rng = np.random.default_rng((*self._key, round(1e6 * time)))
         noise = rng.standard_normal((len(points), len(self.noise))) @ np.linalg.cholesky(self.noise).T
-        camera = np.concatenate((truth.position, truth.quaternion, truth.velocity, truth.angular_velocity))
         shown = self.visible(camera, points) & ~truth.scene.blocks(truth.position, points)
         labels = np.flatnonzero(shown & (rng.random(len(points)) >= self._scenario.missed_detection_probability))
         values = [self.predict(camera, points[k])[0] + noise[k] for k in labels]

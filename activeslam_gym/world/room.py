@@ -61,14 +61,9 @@ def varied(scenario: Scenario, rng: np.random.Generator) -> Scenario:
     """
     if not scenario.varied:
         return scenario
-    drawn: dict[str, Any] = {name: _between(least, greatest, rng) for name, least, greatest in scenario.varied}
-    ordered = {name: tuple(sorted(drawn[name])) for name in RANGES if name in drawn}
+    drawn = {name: rng.uniform(least, greatest) for name, least, greatest in scenario.varied}
+    ordered = {name: np.sort(drawn[name]) for name in RANGES if name in drawn}
     return dataclasses.replace(scenario, varied=(), **(drawn | ordered))
-
-
-def _between(least: float | tuple, greatest: float | tuple, rng: np.random.Generator) -> float | tuple:
-    drawn = rng.uniform(least, greatest)
-    return tuple(drawn.tolist()) if np.ndim(drawn) else float(drawn)
 
 
 def draw_room(scenario: Scenario, rng: np.random.Generator) -> Room:

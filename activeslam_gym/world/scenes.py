@@ -90,43 +90,39 @@ SCENES: Mapping[str, Any] = MappingProxyType({BOXES: draw_box_scene})
 
 
 class CheckedScene:
-    """A foreign scene. A wrong answer of it is a ValueError that names the scene, the method and the answer."""
+    """A foreign scene. An answer of another form is a ValueError that names the scene, the method and the answer."""
 
     def __init__(self, scenario: Scenario, scene: Scene) -> None:
         self._of, self._scene = f"of the scene {name_of(scenario.scene)!r}", scene
-        half = 0.5 * np.array(scenario.room_size)
-        self._slack, self.start = _ROUNDING * max(1.0, half.max()), getattr(scene, "start", None)
-        self.bounds = low, high = self._array("bounds", lambda: scene.bounds, (2, 3))
-        if not ((-half - self._slack <= low) & (low < high) & (high <= half + self._slack)).all():
+        half, self.start = 0.5 * np.array(scenario.room_size), getattr(scene, "start", None)
+        slack = _ROUNDING * max(1.0, half.max())
+        self.bounds = low, high = self._answer("bounds", lambda: scene.bounds, (2, 3))
+        if not ((-half - slack <= low) & (low < high) & (high <= half + slack)).all():
             room = f"its lowest and highest corner, inside of ±{half.tolist()}"
             raise ValueError(f"bounds {self._of} must be {room}, got {self.bounds.tolist()}")
 
     def blocks(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """`Scene.blocks`."""
-        what = f"blocks() {self._of}"
-        return array_of(f"what {what} returns", asked(what, self._scene.blocks, a.copy(), b.copy()), (len(b),), bool)
+        return self._answer("blocks()", lambda: self._scene.blocks(a.copy(), b.copy()), (len(b),), bool)
 
     def clearance(self, p: np.ndarray, directions: np.ndarray, farthest: float) -> np.ndarray:
         """`Scene.clearance`."""
-        what = f"clearance() {self._of}"
-        answer = asked(what, self._scene.clearance, p.copy(), directions.copy(), farthest)
-        free = array_of(f"what {what} returns", answer, (len(p),))
+        asked_of = self._scene.clearance
+        free = self._answer("clearance()", lambda: asked_of(p.copy(), directions.copy(), farthest), (len(p),))
         if not ((0.0 <= free) & (free <= farthest * (1.0 + _ROUNDING))).all():
-            raise ValueError(f"{what} must return numbers from 0 to {farthest:g}, got {free!r}")
+            raise ValueError(f"clearance() {self._of} must return numbers from 0 to {farthest:g}, got {free!r}")
         return np.where(free < farthest * (1.0 - _ROUNDING), free, farthest)
 
     def sample(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """`Scene.sample`."""
-        points, normals = self._array("points and normals of sample()", lambda: self._scene.sample(n, rng), (2, n, 3))
-        low, high = self.bounds
-        if not ((low - self._slack <= points) & (points <= high + self._slack)).all():
-            raise ValueError(f"sample() {self._of} must return points inside of its bounds")
-        if (np.abs(np.linalg.norm(normals, axis=1) - 1.0) > _ROUNDING).any():
-            raise ValueError(f"sample() {self._of} must return normals of length 1, got {normals!r}")
+        points, normals = self._answer("sample()", lambda: self._scene.sample(n, rng), (2, n, 3))
         return points, normals
 
-    def _array(self, name: str, answer: Callable[[], Any], shape: tuple[int, ...]) -> np.ndarray:
-        array = array_of(f"{name} {self._of}", asked(f"{name} {self._of}", answer), shape)
+    def _answer(
+        self, name: str, answer: Callable[[], Any], shape: tuple[int, ...], kind: type[float | bool] = float
+    ) -> np.ndarray:
+        what = f"{name} {self._of}"
+        array = array_of(what, asked(what, answer), shape, kind)
         if not np.isfinite(array).all():
-            raise ValueError(f"{name} {self._of} must be finite, got {array!r}")
+            raise ValueError(f"{what} must be finite, got {array!r}")
         return array

@@ -30,6 +30,11 @@ class Truth:
     scene: Any = None
     """The `Scene`, which tells what hides and what stops; of a batch, a tuple of them."""
 
+    @property
+    def camera(self) -> np.ndarray:
+        """(13,) position, quaternion and velocities."""
+        return np.concatenate((self.position, self.quaternion, self.velocity, self.angular_velocity), axis=-1)
+
 
 def truth_of(world: World, scene: Any = None) -> Truth:
     """The ground truth of a world with its ``scene``, or of a batch of them: the same with a leading axis."""

@@ -14,7 +14,7 @@ from activeslam_gym.envs.public import SingleReads
 from activeslam_gym.envs.reset import empty_runs
 from activeslam_gym.envs.reward import Potential
 from activeslam_gym.envs.setting import checked_rendering, resolve
-from activeslam_gym.envs.snapshot import Snapshot, snapshot_of
+from activeslam_gym.envs.snapshot import Snapshot, pictures_of, snapshot_of
 from activeslam_gym.envs.step import BEGIN, STEP
 from activeslam_gym.metrics import LOST_POSITION_ERROR
 from activeslam_gym.sensors.sensor import IMAGES
@@ -250,12 +250,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         Raises:
             gymnasium.error.ResetNeeded: there is nothing to draw before the first reset.
         """
-        if self.render_mode is None:
-            gymnasium.logger.warn("render() does nothing without a render_mode; make the environment with 'rgb_array'")
-            return None
-        from activeslam_gym.rendering.picture import draw
-
-        return draw(self.snapshot(), self.render_size)
+        return next(iter(pictures_of(self)), None)
 
     def snapshot(self) -> Snapshot:
         """All that a picture of this moment needs.

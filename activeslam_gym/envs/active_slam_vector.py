@@ -16,7 +16,7 @@ from activeslam_gym.envs.observation import observation_space
 from activeslam_gym.envs.public import BatchReads
 from activeslam_gym.envs.reset import empty_runs
 from activeslam_gym.envs.setting import checked_rendering, resolve
-from activeslam_gym.envs.snapshot import Snapshot, snapshot_of
+from activeslam_gym.envs.snapshot import Snapshot, pictures_of, snapshot_of
 from activeslam_gym.envs.step import BEGIN, REST, STEP
 from activeslam_gym.sensors.sensor import IMAGES
 from activeslam_gym.threads import Workers
@@ -128,12 +128,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         Raises:
             gymnasium.error.ResetNeeded: there is nothing to draw before the first reset.
         """
-        if self.render_mode is None:
-            gymnasium.logger.warn("render() does nothing without a render_mode; make the environment with 'rgb_array'")
-            return None
-        from activeslam_gym.rendering.picture import draw
-
-        return tuple(draw(self.snapshot(i), self.render_size) for i in range(self.num_envs))
+        return tuple(pictures_of(self)) or None
 
     def close_extras(self, **kwargs: Any) -> None:
         """End the threads."""

@@ -6,13 +6,12 @@ import gymnasium
 import numpy as np
 
 from activeslam_gym.config import Scenario
-from activeslam_gym.envs.public import PublicBelief, public_belief
 from activeslam_gym.envs.run import known_boxes
 from activeslam_gym.envs.runs import Runs
 from activeslam_gym.information.entropy import WAITING
 from activeslam_gym.kernels import uncompiled
 from activeslam_gym.motion import Gaze, Motion, nearest_gaze, nearest_motion
-from activeslam_gym.slam.estimate import COMPILED
+from activeslam_gym.slam.estimate import COMPILED, Estimate, taken_estimate
 from activeslam_gym.slam.sight import sight_of_belief
 from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.simulator import boxes_of
@@ -30,7 +29,7 @@ class Snapshot:
     duration: float
     motion: Motion
     gaze: Gaze
-    belief: PublicBelief
+    belief: Estimate
     truth: Truth
     """With the boxes that there are; on images, with those landmarks that a feature follows."""
     room_size: np.ndarray
@@ -92,7 +91,7 @@ def snapshot_of(runs: Runs, i: int) -> Snapshot:
         duration=runs.duration,
         motion=nearest_motion(episode.control.command),
         gaze=nearest_gaze(runs._commands[i, 3]),
-        belief=public_belief(run),
+        belief=taken_estimate(run.estimate),
         truth=replace(truth, landmarks=landmarks, boxes=boxes_of(run.world).copy()),
         room_size=2.0 * run.models.motion.half,
         floor_plan=_floor_plan(getattr(perception, "scene", None)),
@@ -107,3 +106,17 @@ def snapshot_of(runs: Runs, i: int) -> Snapshot:
         landmark_times=np.repeat(times, np.diff(most_mapped, prepend=0.0).astype(int)),
         image=image,
     )
+
+
+def pictures_of(runs: Runs) -> list[np.ndarray]:
+    """The present moment of each run as an (H, W, 3) uint8 image; none, with a warning, without a ``render_mode``.
+
+    Raises:
+        gymnasium.error.ResetNeeded: a run has not begun.
+    """
+    if runs.render_mode is None:
+        gymnasium.logger.warn("render() does nothing without a render_mode; make the environment with 'rgb_array'")
+        return []
+    from activeslam_gym.rendering.picture import draw
+
+    return [draw(snapshot_of(runs, i), runs.render_size) for i in range(len(runs._past))]

@@ -122,11 +122,8 @@ def surface_points(half: np.ndarray, boxes: np.ndarray, count: int, rng: np.rand
     chosen = rng.choice(len(faces), count, p=areas / areas.sum())
     of = np.array([box for box, _, _, _ in faces])[chosen]
     axes, sides, signs = (np.array([face[k] for face in faces])[chosen] for k in (1, 2, 3))
-    points, normals, n = (
-        of[:, 0] + rng.random((count, 3)) * (of[:, 1] - of[:, 0]),
-        np.zeros((count, 3)),
-        np.arange(count),
-    )
+    points = of[:, 0] + rng.random((count, 3)) * (of[:, 1] - of[:, 0])
+    normals, n = np.zeros((count, 3)), np.arange(count)
     points[n, axes] = of[n, sides, axes]
     normals[n, axes] = np.where(sides, signs, -signs)
     before = points + 0.02 * normals

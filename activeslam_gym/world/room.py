@@ -269,11 +269,8 @@ def _in_view(
             point = _floating(scenario, 1, start, rng)[0]
             if inside_any(point[None], boxes)[0]:
                 continue
-        if scene is not None and scene.blocks(start[POSITION], point[None])[0]:
-            continue
-        if (
-            visible(view, point, 0.0, z)
-            and not _near(point[None], np.reshape(found, (-1, 3)), scenario.point_spacing).any()
-        ):
+        hidden = scene is not None and scene.blocks(start[POSITION], point[None])[0]
+        near = _near(point[None], np.reshape(found, (-1, 3)), scenario.point_spacing)
+        if not hidden and visible(view, point, 0.0, z) and not near.any():
             found.append(point)
     return np.reshape(found, (-1, 3)) if len(found) == scenario.fiducial_count else None

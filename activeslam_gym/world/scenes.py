@@ -64,11 +64,8 @@ class BoxScene:
 
     def clearance(self, p: np.ndarray, directions: np.ndarray, farthest: float) -> np.ndarray:
         """To the first box or wall."""
-        free = [
-            0.0 if inside else min(float(first_hits(self.boxes, self.half, one, way[None])[0]), farthest)
-            for one, way, inside in zip(p, directions, inside_any(p, self.boxes), strict=True)
-        ]
-        return np.array(free)
+        free = [first_hits(self.boxes, self.half, one, way[None])[0] for one, way in zip(p, directions, strict=True)]
+        return np.where(inside_any(p, self.boxes), 0.0, np.minimum(free, farthest))
 
     def sample(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Uniform on walls and boxes; see `furniture.surface_points`."""

@@ -10,11 +10,11 @@ from activeslam_gym.config import Scenario, whole_number
 from activeslam_gym.envs.actions import INDICES, POINTS, checked_options
 from activeslam_gym.envs.info import info_of
 from activeslam_gym.envs.observation import observation_space
-from activeslam_gym.envs.public import SingleReads
+from activeslam_gym.envs.public import SingleReads, pictures_of
 from activeslam_gym.envs.reset import empty_runs
 from activeslam_gym.envs.reward import Potential
 from activeslam_gym.envs.setting import checked_rendering, resolve
-from activeslam_gym.envs.snapshot import Snapshot, pictures_of, snapshot_of
+from activeslam_gym.envs.snapshot import Snapshot, snapshot_of
 from activeslam_gym.envs.step import BEGIN, STEP
 from activeslam_gym.metrics import LOST_POSITION_ERROR
 from activeslam_gym.sensors.sensor import IMAGES

@@ -106,17 +106,3 @@ def snapshot_of(runs: Runs, i: int) -> Snapshot:
         landmark_times=np.repeat(times, np.diff(most_mapped, prepend=0.0).astype(int)),
         image=image,
     )
-
-
-def pictures_of(runs: Runs) -> list[np.ndarray]:
-    """The present moment of each run as an (H, W, 3) uint8 image; none, with a warning, without a ``render_mode``.
-
-    Raises:
-        gymnasium.error.ResetNeeded: a run has not begun.
-    """
-    if runs.render_mode is None:
-        gymnasium.logger.warn("render() does nothing without a render_mode; make the environment with 'rgb_array'")
-        return []
-    from activeslam_gym.rendering.picture import draw
-
-    return [draw(snapshot_of(runs, i), runs.render_size) for i in range(len(runs._past))]

@@ -113,20 +113,15 @@ class LearnedPolicy:
         return (actions[0] if np.ndim(observation) == 1 else actions.copy()), state
 
     def _decide(self, inputs: np.ndarray, deterministic: bool) -> np.ndarray:
-        """Motions and gazes (B, 2): the preferred ones, or drawn by the policy's own probabilities. Of SAC its mean,
-        where the environment takes points (B, 4), or else the nearest pair."""
+        """Motions and gazes (B, 2): the preferred ones, or drawn by the policy's own probabilities. Of SAC points
+        (B, 4) where the environment takes them, or else the nearest pairs."""
         with torch.inference_mode(), _one_thread():
-            found = _answer(self._network, torch.as_tensor(inputs))
-            if isinstance(self._network, SACPolicy):
-                points = found[0].numpy()
-                if isinstance(self._space, spaces.Box):
-                    return points
-                return np.array([(nearest_motion(point), nearest_gaze(point[3])) for point in points], np.int64)
-            if deterministic or len(found) == 1:  # values are no probabilities
-                parts = [part.argmax(dim=1).numpy() for part in found]
-            else:
-                parts = [torch.multinomial(part.softmax(dim=1), 1)[:, 0].numpy() for part in found]
-        return np.stack(parts if len(parts) == 2 else np.divmod(parts[0], len(Gaze)), axis=1)
+            found = self._network._predict(torch.as_tensor(inputs), deterministic).numpy()
+        if isinstance(self._network, DQNPolicy):
+            return np.stack(np.divmod(found, len(Gaze)), axis=1)
+        if isinstance(self._network, SACPolicy) and not isinstance(self._space, spaces.Box):
+            return np.array([(nearest_motion(point), nearest_gaze(point[3])) for point in found], np.int64)
+        return found
 
 
 @contextmanager
@@ -138,17 +133,6 @@ def _one_thread() -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(threads)
-
-
-def _answer(network: BasePolicy, inputs: torch.Tensor) -> tuple[torch.Tensor, ...]:
-    """Preferences of motions (B, 7) and gazes (B, 3); of DQN the values of the joint actions (B, 21), of SAC the action
-    (B, 4). Without the critic and the distributions of SB3's `predict`: a third of its time."""
-    if isinstance(network, DQNPolicy):
-        return (network.q_net(inputs),)
-    if isinstance(network, SACPolicy):
-        return (network.actor(inputs, deterministic=True),)
-    latent = network.mlp_extractor.forward_actor(network.extract_features(inputs))
-    return network.action_net(latent).split((len(Motion), len(Gaze)), dim=1)
 
 
 def _network(layout: ObservationLayout, weights: dict[str, np.ndarray], card: dict[str, Any]) -> BasePolicy:

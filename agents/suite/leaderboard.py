@@ -6,8 +6,9 @@ with a stratified bootstrap, and the probability of improvement. Failures come f
 mean does not see them.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from agents.tools.files import write_csv
 from agents.tools.sections import Table, provenance, put_section
 
 Array = NDArray[np.float64]
+mean = partial(np.mean, axis=-1)
 SECTION, SHORT = "leaderboard", "board"  # sections of pages: all tables, and a few rows and columns of the first
 SHORT_ROWS, SHORT_COLUMNS = 6, 4
 KINDS = {"learned": ("tab:blue", "o"), "open loop": ("tab:orange", "^"), "greedy and others": ("black", "s")}
@@ -47,7 +49,11 @@ def main(args: Args) -> int:
     of = suite(args.suite)
     count = of.played(args.episodes)
     args.check_pages(SECTION, SHORT)
-    found = [one for path in sorted(args.entries.glob(f"*/{enter.FILE}")) if (one := _read(path)).suite == of.name]
+    entries = {path: enter.read(path) for path in sorted(args.entries.glob(f"*/{enter.FILE}"))}
+    for path, entry in entries.items():
+        if entry.name != path.parent.name:
+            raise ValueError(f"entries: {str(path)!r} is named {entry.name!r}; allowed: the name of its folder")
+    found = [entry for entry in entries.values() if entry.suite == of.name]
     for short in (one for one in found if one.episodes < count):
         print(f"Left out: {short.name}, which has {short.episodes} of {count} episodes.")
     found = [one.first(count) for one in found if one.episodes >= count]
@@ -105,20 +111,19 @@ def compared(of: Suite, found: Sequence[Entry]) -> list[Result]:
         ValueError: the entries are not of the same suite and episodes, or no open-loop entry can be the reference.
     """
     _check(of, found)
-    best = {one: best_open_loop(of, found, one) for one in of.scenarios}
-    units = np.array([interquartile_mean(loop.gains(one).ravel()) for one, loop in best.items()])
+    best = [best_open_loop(of, found, one) for one in of.scenarios]  # (P, E) scores of each
+    units = np.array([interquartile_mean(one.ravel()) for one in best])
 
     def result(entry: Entry) -> Result:
-        gains, ahead = all_gains(entry), leads(entry, best)
-        scores, lead = ([bootstrapped(one[None], interquartile_mean) for one in array] for array in (gains, ahead))
-        failed = [float(entry.failed(one).mean()) for one in of.scenarios]
-        each = map(InScenario, scores, lead, failed)
+        gains, failed = (np.stack([part(one) for one in of.scenarios]) for part in (entry.gains, entry.failed))
+        leads = np.stack([own - loop.mean(axis=0) for own, loop in zip(gains, best)])
+        scores, ahead = ([bootstrapped(one[None], interquartile_mean) for one in array] for array in (gains, leads))
         return Result(
             entry,
-            failures(entry),
+            failures(failed.astype(float)),
             bootstrapped(gains / units[:, None, None], interquartile_mean),
-            bootstrapped(0.5 * (1.0 + np.sign(ahead)), mean),  # ties are halves
-            dict(zip(of.scenarios, each)),
+            bootstrapped(0.5 * (1.0 + np.sign(leads)), mean),  # ties are halves
+            dict(zip(of.scenarios, map(InScenario, scores, ahead, failed.mean(axis=(1, 2)).tolist()))),
         )
 
     return sorted(map(result, found), key=lambda one: -one.normalised.value)
@@ -128,25 +133,13 @@ def tables(of: Suite, results: Sequence[Result]) -> tuple[Table, Table]:
     """Every entry in all scenarios together, and in each scenario the best open-loop entry and the best of all."""
     header = ["entry", "failures, %", "normalised score (IQM)", "probability to gain more, %", "training", "note"]
     rows = [
-        [
-            one.entry.name,
-            one.failures.text(100.0),
-            one.normalised.text(digits=2),
-            one.ahead.text(100.0, 0),
-            _training(one.entry, of),
-            one.entry.note,
-        ]
+        [one.entry.name, one.failures.text(100.0), one.normalised.text(digits=2), one.ahead.text(100.0, 0)]
+        + [_training(one.entry, of), one.entry.note]
         for one in results
     ]
     whole = Table(f"All scenarios: {of.label}, {results[0].entry.episodes} episodes each", header, rows)
-    header = [
-        "scenario",
-        "best open-loop entry",
-        "its log score, bits",
-        "best entry",
-        "its log score, bits",
-        "lead, bits",
-    ]
+    score = "its log score, bits"
+    header = ["scenario", "best open-loop entry", score, "best entry", score, "lead, bits"]
     loops = [one for one in results if of.is_open_loop(one.entry.policies)]
     rows = []
     for scenario in of.scenarios:
@@ -203,42 +196,27 @@ def shortened(whole: Table, of: Suite, found: Sequence[Entry]) -> Table:
     return Table(whole.title, header[:SHORT_COLUMNS], rows)
 
 
-def best_open_loop(of: Suite, found: Sequence[Entry], scenario: str) -> Entry:
-    """The entry of an open loop with the highest interquartile mean in a scenario.
+def best_open_loop(of: Suite, found: Sequence[Entry], scenario: str) -> Array:
+    """(P, E): the scores [bit] of the open-loop entry with the highest interquartile mean in a scenario.
 
     Raises:
         ValueError: there is no such entry, or the best gains nothing, so that no score can be normalised by it.
     """
-
-    def gained(entry: Entry) -> float:
-        return float(interquartile_mean(entry.gains(scenario).ravel()))
-
-    loops = [entry for entry in found if of.is_open_loop(entry.policies)]
+    loops = [entry.gains(scenario) for entry in found if of.is_open_loop(entry.policies)]
     if not loops:
         raise ValueError(f"entries: none of an open loop; allowed: at least one of {', '.join(of.open_loops)}")
-    best = max(loops, key=gained)
-    if gained(best) <= 0.0:
+    best = max(loops, key=lambda gains: float(interquartile_mean(gains.ravel())))
+    if interquartile_mean(best.ravel()) <= 0.0:
         raise ValueError(f"entries: no open-loop entry gains anything in {scenario!r}")
     return best
 
 
-def all_gains(entry: Entry) -> Array:
-    """(S, P, E): the scores [bit] of scenarios, training seeds and episodes."""
-    return np.stack([entry.gains(one) for one in entry.scores])
-
-
-def leads(entry: Entry, best: Mapping[str, Entry]) -> Array:
-    """(S, P, E): what it gains more [bit] than the ``best`` open-loop entry of a scenario in the same episode."""
-    return np.stack([entry.gains(one) - loop.gains(one).mean(axis=0) for one, loop in best.items()])
-
-
-def failures(entry: Entry) -> Aggregate:
-    """The share of all episodes that failed.
+def failures(failed: Array) -> Aggregate:
+    """The share of all episodes that failed, 1 in ``failed`` (S, P, E).
 
     Training seeds that play the same episodes are not independent. So the interval is the wider of the bootstrap's,
     which is empty where none failed, and of the exact one for so many episodes as one training seed plays.
     """
-    failed = np.stack([entry.failed(one) for one in entry.scores]).astype(float)
     count = failed[:, 0].size
     exact = aggregate(np.arange(count) < round(count * failed.mean()), "share")
     drawn = bootstrapped(failed, mean)
@@ -263,11 +241,6 @@ def bootstrapped(scores: Array, figure: Callable[[Array], Array]) -> Aggregate:
     return Aggregate(float(figure(scores.ravel())), float(low), float(high), scores.size, "mean")
 
 
-def mean(scores: Array) -> Array:
-    """(..., scores) -> (...)."""
-    return np.asarray(scores.mean(axis=-1))
-
-
 def _training(entry: Entry, of: Suite) -> str:
     """Training seeds, decisions and time, by the cards of weights; an own policy has no card."""
     count, few = len(entry.policies), " (few)" if len(entry.policies) < of.training_seeds else ""
@@ -278,13 +251,6 @@ def _training(entry: Entry, of: Suite) -> str:
     budget = f", {decisions:,} decisions" if decisions else ""
     time = "" if np.isnan(seconds).any() else f", {np.mean(seconds) / 60.0:.0f} min each"
     return f"{count} seeds{few}{budget}{time}"
-
-
-def _read(path: Path) -> Entry:
-    entry = enter.read(path)
-    if entry.name != path.parent.name:
-        raise ValueError(f"entries: {str(path)!r} is named {entry.name!r}; allowed: the name of its folder")
-    return entry
 
 
 def _check(of: Suite, found: Sequence[Entry]) -> None:

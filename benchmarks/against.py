@@ -13,6 +13,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from timeit import repeat
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
@@ -29,7 +30,8 @@ Figures = dict[str, float]
 
 
 def compare(commit: str, pairs: int = PAIRS) -> str:
-    """A table of this checkout's figures over those of a ``commit``: medians of ``pairs`` runs, each of both in turn.
+    """A table of this checkout's figures over those of a ``commit``: medians of ``pairs`` runs, each of both in turn,
+    and the median, least and greatest of their ratios.
 
     Raises:
         ValueError: there is no such commit.
@@ -45,7 +47,16 @@ def compare(commit: str, pairs: int = PAIRS) -> str:
             runs = [(run_in(other, Path(folder, "other")), run_in(ROOT, Path(folder, "this"))) for _ in range(pairs)]
         finally:
             subprocess.run(["git", "-C", str(ROOT), "worktree", "remove", "--force", str(other)], check=True)
-    return table(commit, runs)
+    from agents.tools.sections import table
+
+    rows = []
+    for name in runs[0][0]:
+        found = [(other[name], this[name]) for other, this in (runs[:1] if name in FIRST else runs)]
+        ratios = sorted(this / other for other, this in found)
+        others, these = (statistics.median(one) for one in zip(*found, strict=True))
+        spread = f"{ratios[0]:.2f}, {ratios[-1]:.2f}" if len(ratios) > 1 else ""
+        rows.append([name, f"{others:.4g}", f"{these:.4g}", f"{statistics.median(ratios):.2f}", spread])
+    return table(["", commit, "this", "ratio", "least, most"], rows)
 
 
 def run_in(checkout: Path, kernels: Path) -> Figures:
@@ -65,18 +76,6 @@ def start(quick: bool) -> tuple[list[dict[str, Any]], str]:
         runs = [run_in(ROOT, Path(folder)) for _ in range(0 if quick else 2)]
     rows = [{"what": name, **dict(zip(("first run", "next run"), (run[name] for run in runs)))} for name in STARTS]
     return rows if runs else [], "Fresh processes; the first one has an empty folder of kernels."
-
-
-def table(commit: str, runs: list[tuple[Figures, Figures]]) -> str:
-    """Markdown: each figure of the commit and of this checkout, and the median, least and greatest of their ratios."""
-    lines = [f"| | {commit} | this | ratio | least, most |", "|---|---|---|---|---|"]
-    for name in runs[0][0]:
-        pairs = [(other[name], this[name]) for other, this in (runs[:1] if name in FIRST else runs)]
-        ratios = sorted(this / other for other, this in pairs)
-        others, these = (statistics.median(one) for one in zip(*pairs, strict=True))
-        spread = f"{ratios[0]:.2f}, {ratios[-1]:.2f}" if len(ratios) > 1 else ""
-        lines.append(f"| {name} | {others:.4g} | {these:.4g} | {statistics.median(ratios):.2f} | {spread} |")
-    return "\n".join(lines)
 
 
 def measure() -> Figures:
@@ -109,25 +108,17 @@ def measure() -> Figures:
     batch.reset(seed=1)
     rng = np.random.default_rng(1)
 
-    def stepped(world: Any, count: int) -> Callable[[], Any]:
-        shape = (count,) if count > 1 else ()
+    def stepped(world: Any, shape: tuple[int, ...] = ()) -> Callable[[], Any]:
         return lambda: world.step(np.stack((rng.integers(0, 7, shape), rng.integers(0, 3, shape)), axis=-1))
 
-    figures["a step of one environment [ms]"] = median_ms(stepped(env, 1), 30)
-    figures["a step of 64 environments, one thread [ms]"] = median_ms(stepped(batch, 64), 20)
-    figures["a decision of mi-fisher [ms]"] = median_ms(lambda: policy.predict(observation), 30)
-    figures["a step with images [ms]"] = median_ms(stepped(images, 1), 10)
+    for name, call, count in (
+        ("a step of one environment [ms]", stepped(env), 30),
+        ("a step of 64 environments, one thread [ms]", stepped(batch, (64,)), 20),
+        ("a decision of mi-fisher [ms]", lambda: policy.predict(observation), 30),
+        ("a step with images [ms]", stepped(images), 10),
+    ):
+        figures[name] = 1e3 * statistics.median(repeat(call, number=1, repeat=count))
     return figures
-
-
-def median_ms(call: Callable[[], Any], count: int) -> float:
-    """The median time of a ``call`` [ms]."""
-    times = []
-    for _ in range(count):
-        begin = time.perf_counter()
-        call()
-        times.append(time.perf_counter() - begin)
-    return 1e3 * statistics.median(times)
 
 
 if __name__ == "__main__":

@@ -30,15 +30,10 @@ WARM_UP, END = 20, 34
 SEEN = 8  # features in the image of a map of a chosen size
 
 
-def timed(call: Call) -> float:
-    """Time of one ``call`` [s]."""
-    return timeit(call, number=1)
-
-
 def repeated(call: Call, repeats: int, at_least: float) -> np.ndarray:
     """Times (repeats,) of one ``call`` [s], each the mean of a loop of about ``at_least`` [s], after one call."""
     call()
-    number = max(1, int(at_least / max(timed(call), 1e-9)))
+    number = max(1, int(at_least / max(timeit(call, number=1), 1e-9)))
     return np.array(repeat(call, number=number, repeat=repeats)) / number
 
 
@@ -69,7 +64,7 @@ def sweep(env: Any, period: float, begin: int, end: int) -> np.ndarray:
             env.step(action)
 
     shape = env.action_space.shape
-    return np.array([timed(partial(second, number)) for number in range(begin, end)])
+    return np.array([timeit(partial(second, number), number=1) for number in range(begin, end)])
 
 
 def swept(seed: int, gaze_period: float = 0.05) -> Any:

@@ -8,7 +8,6 @@ mean does not see them.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +24,6 @@ from agents.tools.files import write_csv
 from agents.tools.sections import Table, provenance, put_section
 
 Array = NDArray[np.float64]
-mean = partial(np.mean, axis=-1)
 SECTION, SHORT = "leaderboard", "board"  # sections of pages: all tables, and a few rows and columns of the first
 SHORT_ROWS, SHORT_COLUMNS = 6, 4
 KINDS = {"learned": ("tab:blue", "o"), "open loop": ("tab:orange", "^"), "greedy and others": ("black", "s")}
@@ -239,6 +237,11 @@ def bootstrapped(scores: Array, figure: Callable[[Array], Array]) -> Aggregate:
     if E >= FEWEST:
         low, high = np.quantile(figure(np.stack([resampled() for _ in range(RESAMPLES)])), TAILS)
     return Aggregate(float(figure(scores.ravel())), float(low), float(high), scores.size, "mean")
+
+
+def mean(scores: Array) -> Array:
+    """(..., scores) -> (...)."""
+    return np.asarray(scores.mean(axis=-1))
 
 
 def _training(entry: Entry, of: Suite) -> str:

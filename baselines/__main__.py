@@ -53,7 +53,7 @@ def _renew(path: Path, choose: Choose, names: Sequence[str], store: Store) -> No
     table: dict[str, Any] = {key: entry for key, entry in kept.items() if entry["scenario"] in SCENARIOS}
     for name in names or SCENARIOS:
         env: Any = gym.make(f"ActiveSLAM{'Pixels' if name in IMAGE_SCENARIOS else ''}-v0", scenario=name).unwrapped
-        entry = choose(env.scenario, env.motion_period, env.motion_period, env.duration, store)
+        entry = choose(env.scenario, (env.motion_period, env.motion_period, env.duration), store)
         table = {key: one for key, one in table.items() if one["scenario"] != name} | {key_of(env): entry}
         print(f"{name}: {entry['medians']}", flush=True)
         with written_whole(path) as unfinished:

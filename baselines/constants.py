@@ -32,13 +32,13 @@ FINALISTS = 4  # and so many of them
 LAST_ROOMS = 32  # are judged in so many new rooms
 
 BATCH = 32  # episodes at a time
-Choose = Callable[..., dict[str, Any]]  # (scenario, gaze period, motion period, duration, store) -> an entry of a table
 OF_PLANNERS = (
     "gaze_period", "motion_criterion", "negative_information", "gaze_horizon", "plan_horizon", "plan_position_std",
     "amortised_decision",
 )  # fmt: skip
 """Fields of a scenario that change no open loop."""
 Times = tuple[float, float, float]  # gaze period, motion period and duration [s]
+Choose = Callable[[Scenario, Times, Store], dict[str, Any]]  # makes an entry of a table
 CONSTANTS: Actions = np.array([(motion, gaze) for motion in Motion for gaze in Gaze])  # (21, 2) the constant actions
 
 
@@ -56,11 +56,26 @@ def best_constant(env: Any) -> tuple[Motion, Gaze]:
 
 
 def found_or_chosen(path: Path, env: Any, choose: Choose, what: str) -> dict[str, Any]:
-    """The entry of the table ``path`` for ``env``, or, where it has none, the best one that ``choose`` finds now."""
-    own, key = key_of(env), (path.stem, key_of(env))
-    if not (known := table_of(path).get(own) or FOUND.get(key)):
-        FOUND[key] = known = _chosen(choose, what, *_asked(env))
-    return known
+    """The entry of the table ``path`` for ``env``, or, where it has none, the best one that ``choose`` finds now.
+
+    It is said, and its episodes are kept in the user's cache, where that can be written. Its steps are motion periods
+    where the duration is a whole number of them.
+    """
+    key = key_of(env)
+    if found := table_of(path).get(key) or FOUND.get((path.stem, key)):
+        return found
+    whole = abs(env.duration / env.motion_period % 1.0 - 0.5) > 0.5 - 1e-6
+    folder = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "activeslam_gym")
+    try:
+        demand_writable(folder)
+        store, where = Store(folder), f", kept in {folder}"
+    except OSError:
+        store, where = NOT_KEPT, ""
+    message = f"baselines: choosing the best {what} for {env.scenario.name!r}, {env.duration:g} s"
+    print(f"{message}, in training episodes{where} ...", file=sys.stderr, flush=True)
+    times = env.motion_period if whole else env.gaze_period, env.motion_period, env.duration
+    FOUND[path.stem, key] = found = choose(env.scenario, times, store)
+    return found
 
 
 def key_of(env: Any) -> str:
@@ -80,40 +95,18 @@ def table_of(path: Path) -> dict[str, dict[str, Any]]:
     return json.loads(path.read_text(encoding="utf-8"))
 
 
-def _asked(env: Any) -> tuple[Scenario, float, float, float]:
-    """Arguments of a `Choose`; steps are motion periods where the duration is a whole number of them."""
-    whole = abs(env.duration / env.motion_period % 1.0 - 0.5) > 0.5 - 1e-6
-    return env.scenario, env.motion_period if whole else env.gaze_period, env.motion_period, env.duration
-
-
-def _chosen(choose: Choose, what: str, scenario: Scenario, *times: float) -> dict[str, Any]:
-    """``choose``, and said. Its episodes are kept in the user's cache, where that can be written."""
-    message = f"baselines: choosing the best {what} for {scenario.name!r}, {times[-1]:g} s"
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "activeslam_gym")
-    try:
-        demand_writable(folder)
-        store, where = Store(folder), f", kept in {folder}"
-    except OSError:
-        store, where = NOT_KEPT, ""
-    print(f"{message}, in training episodes{where} ...", file=sys.stderr, flush=True)
-    return choose(scenario, *times, store)
-
-
 def searched(scenario: Scenario) -> Scenario:
     """The scenario in which most episodes of a search are played: one of images has the sensor `corners`."""
     return replace(scenario, sensor="corners") if scenario.sensor == "images" else scenario
 
 
-def choose(
-    scenario: Scenario, gaze_period: float, motion_period: float, duration: float, store: Store = NOT_KEPT
-) -> dict[str, Any]:
+def choose(scenario: Scenario, times: Times, store: Store = NOT_KEPT) -> dict[str, Any]:
     """The constant action of the highest median log score: its names, and the medians of the finalists [bit].
 
     All constants play `ROOMS` rooms (see `searched`), the best `FINALISTS` of them `LAST_ROOMS` new ones, with images
     where the scenario has them.
     """
-    times, split = (gaze_period, motion_period, duration), TRAINING_SEED + ROOMS
-    plans = CONSTANTS[:, None]
+    plans, split = CONSTANTS[:, None], TRAINING_SEED + ROOMS
     first = log_scores(plans, searched(scenario), range(TRAINING_SEED, split), times, store)
     finalists = np.argsort(-np.median(first, axis=1), kind="stable")[:FINALISTS]
     last = log_scores(plans[finalists], scenario, range(split, split + LAST_ROOMS), times, store)
@@ -149,5 +142,5 @@ def _final_scores(
 ) -> NDArray[np.float64]:
     """(p,) log score [bit] at the end of the episodes of a ``part`` (p,) of ``plans`` (r, T, 2) and ``seeds`` (r,)."""
     named, own = dict(zip(("gaze_period", "motion_period", "duration"), times)), [seeds[i] for i in part]
-    episodes = played(lambda env: Planned(env, plans[list(part)]), scenario, own, ends=True, **named)
+    episodes = played(lambda env: Planned(env, plans[list(part)]), scenario, own, **named)
     return np.array([episode.log_score[-1] for episode in episodes])

@@ -106,13 +106,11 @@ class Policy(ABC):
         return np.full(self.num_envs, choice, dtype=np.int64)
 
 
-def played(
-    make: Callable[[Any], Policy], scenario: Scenario, seeds: Sequence[int], ends: bool = False, **times: float
-) -> list[Episode]:
-    """The episodes of ``seeds`` in a scenario, as one batch, lost ones to their end; of the ``ends`` alone the samples.
+def played(make: Callable[[Any], Policy], scenario: Scenario, seeds: Sequence[int], **times: float) -> list[Episode]:
+    """The episodes of ``seeds`` in a scenario, as one batch, lost ones to their end; sampled at start and end alone.
 
     ``make``: environment → policy; ``times``: of `ActiveSLAMVectorEnv`, the scenario's if not given.
     """
     given: dict[str, Any] = {"end_when_lost": False, "autoreset_mode": "DISABLED", **times}
     with closing(ActiveSLAMVectorEnv(len(seeds), scenario, **given)) as env:
-        return play(env, make(env), list(seeds), sample_period=env.duration if ends else 0.0)
+        return play(env, make(env), list(seeds), sample_period=env.duration)

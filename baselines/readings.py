@@ -44,9 +44,9 @@ def choose_readings(scenario: Scenario, *_: Any) -> dict[str, Any]:
     for field, (make, candidates) in READINGS.items():
         values = [value for value in candidates if value <= scenario.duration] or [scenario.duration]
         readings: list[Scenario] = [dataclasses.replace(scenario, **dict[str, Any]({field: one})) for one in values]
-        played = [_ends(make, reading) for reading in readings]
-        medians = [float(np.median(scores)) for scores, _ in played]
-        lost = [int(ends.sum()) for _, ends in played]
+        ends = [_ends(make, reading) for reading in readings]
+        medians = [float(np.median(scores)) for scores, _ in ends]
+        lost = [int(failed.sum()) for _, failed in ends]
         scenario = readings[max(range(len(values)), key=lambda k: (-max(lost[k], MOST_LOST), medians[k]))]
         entry[field] = getattr(scenario, field)
         entry["medians"][field] = {f"{value:g}": round(median, 1) for value, median in zip(values, medians)}
@@ -57,5 +57,5 @@ def choose_readings(scenario: Scenario, *_: Any) -> dict[str, Any]:
 def _ends(make: Callable[[Any], Policy], scenario: Scenario) -> NDArray[np.float64]:
     """(2, EPISODES) log score [bit] at the end of training episodes, and whether they were lost."""
     starts = range(FIRST_SEED, FIRST_SEED + EPISODES, BATCH)
-    episodes = [one for start in starts for one in played(make, scenario, range(start, start + BATCH), ends=True)]
+    episodes = [one for start in starts for one in played(make, scenario, range(start, start + BATCH))]
     return np.array([(episode.log_score[-1], episode.lost) for episode in episodes]).T

@@ -78,13 +78,7 @@ def sequence_from(entry: dict[str, Any]) -> Sequence:
 # The search ---------------------------------------------------------------------------------------------------------
 
 
-def choose_sequence(
-    scenario: Scenario,
-    gaze_period: float,
-    motion_period: float,
-    duration: float,
-    store: Store = NOT_KEPT,
-) -> dict[str, Any]:
+def choose_sequence(scenario: Scenario, times: Times, store: Store = NOT_KEPT) -> dict[str, Any]:
     """The sequence of the highest median log score: its actions and ends, and the medians of the best finalists [bit].
 
     Random sequences and constants by successive halving; then the best are changed for some rounds, judged in the
@@ -94,8 +88,7 @@ def choose_sequence(
     """
     from tqdm import tqdm
 
-    times, quick = (gaze_period, motion_period, duration), constants.searched(scenario)
-    rng, first = np.random.default_rng(0), TRAINING_SEED
+    rng, first, quick = np.random.default_rng(0), TRAINING_SEED, constants.searched(scenario)
     held = [constant(tuple(action)) for action in CONSTANTS.tolist()]
     pool = held + [random_sequence(rng) for _ in range(RANDOM)]
     scores = np.empty((len(pool), 0))

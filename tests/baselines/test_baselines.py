@@ -238,7 +238,7 @@ def test_the_choice_has_the_highest_median_in_rooms_of_training_and_is_made_once
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     for name, rooms in (("ROOMS", 3), ("FINALISTS", 21), ("LAST_ROOMS", 2)):
         monkeypatch.setattr(constants, name, rooms)
-    chosen = choose(Scenario(), 1.0, 1.0, 3.0)
+    chosen = choose(Scenario(), (1.0, 1.0, 3.0))
     scores = constants.log_scores(CONSTANTS[:, None], Scenario(), range(2**32 + 3, 2**32 + 5), (1.0, 1.0, 3.0))
     medians = {f"{Motion(m).name} {Gaze(g).name}": np.median(row) for (m, g), row in zip(CONSTANTS, scores)}
     assert f"{chosen['motion']} {chosen['gaze']}" == max(medians, key=lambda name: medians[name])
@@ -287,7 +287,7 @@ def test_the_search_finds_what_is_better_than_every_constant(monkeypatch: pytest
 
     monkeypatch.setattr(sequences, "log_scores", worths)
     monkeypatch.setattr(sequences, "REFINEMENTS", 40)
-    found = sequence_from(choose_sequence(Scenario(), 1.0, 1.0, 35.0))
+    found = sequence_from(choose_sequence(Scenario(), (1.0, 1.0, 35.0)))
     held = [constant(action).plan(35) for action in BACK_THEN_ORBIT.actions]
     assert (found.plan(35) == wanted).mean() > 0.9 > max((plan == wanted).mean() for plan in held)
 
@@ -302,4 +302,4 @@ def test_every_constant_is_among_the_finalists_though_the_first_rooms_speak_agai
         return np.repeat([[1.0 if (one == held) is last else 0.0] for one in pool], len(seeds), axis=1)
 
     monkeypatch.setattr(sequences, "log_scores", worths)
-    assert sequence_from(choose_sequence(Scenario(), 1.0, 1.0, 35.0)) == held
+    assert sequence_from(choose_sequence(Scenario(), (1.0, 1.0, 35.0))) == held

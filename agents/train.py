@@ -1,7 +1,6 @@
 """`python -m agents train`: PPO, A2C, DQN or SAC from Stable-Baselines3 on the native batch."""
 
 import json
-import math
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from typing import Any
@@ -50,9 +49,7 @@ def train(args: Args) -> bool:
         write_json(args.out / ARGUMENTS, args.arguments())
         best_weights = BestWeights(args, learner, batches)
         try:
-            begun = learner.num_timesteps > 0 or math.isfinite(best_weights.best)
-            left = max(0, args.total_steps - learner.num_timesteps)
-            if left or not begun:
+            if (left := args.total_steps - learner.num_timesteps) > 0:
                 callbacks = [best_weights, EpisodeLog(), *_wandb(args, stack)]
                 learner.learn(left, callback=callbacks, reset_num_timesteps=False, tb_log_name="run")
             finished = True

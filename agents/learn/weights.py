@@ -80,8 +80,7 @@ def card_of(recipe: dict[str, Any], steps: int, seconds: float, validation_episo
 
     0 `validation_episodes`: they are the last ones, not chosen.
     """
-    lists = {name: " ".join(value) for name, value in recipe.items() if isinstance(value, list)}
-    given = [f"--{name.replace('_', '-')} {value}" for name, value in (recipe | lists).items() if value != ""]
+    given = [f"--{name.replace('_', '-')} {value}" for name, value in recipe.items() if value != ""]
     best = f"best mean return of the deterministic policy in {validation_episodes} validation episodes, {FLOOR:g} bits "
     best += f"the least, the failure penalty counted {recipe['lost_penalty_weight']:g} times"
     return {

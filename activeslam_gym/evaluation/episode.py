@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from activeslam_gym.envs.info import info_at
 from activeslam_gym.metrics import write_tum
-from activeslam_gym.motion import Gaze, Motion
+from activeslam_gym.motion import Gaze, Motion, nearest_gaze, nearest_motion
 
 Array = NDArray[Any]
 Observer = Callable[[Any, dict[str, Any]], None]
@@ -139,6 +139,7 @@ def row_of(episode: Episode) -> dict[str, Any]:
     What did not happen (no landmark mapped, not `TARGET` of them) is NaN.
     """
     reached = len(episode.landmark_times) >= TARGET
+    motions, gazes = episode.actions[episode.motion_read, 0], episode.actions[:, 1]
     return {
         "policy": episode.policy,
         "seed": episode.seed,
@@ -161,19 +162,9 @@ def row_of(episode: Episode) -> dict[str, Any]:
         "target_time": float(episode.landmark_times[TARGET - 1]) if reached else np.nan,
         "target_log2_det": float(episode.landmark_log2_det[TARGET - 1]) if reached else np.nan,
         "decision_us": float(episode.decision_us.mean()),
-        **{f"motion_{motion.name.lower()}": count for motion, count in zip(Motion, motion_counts(episode))},
-        **{f"gaze_{gaze.name.lower()}": count for gaze, count in zip(Gaze, gaze_counts(episode))},
+        **{f"motion_{motion.name.lower()}": int((motions == motion).sum()) for motion in Motion},
+        **{f"gaze_{gaze.name.lower()}": int((gazes == gaze).sum()) for gaze in Gaze},
     }
-
-
-def motion_counts(episode: Episode) -> list[int]:
-    """How often each motion was commanded: one command a motion period, in the enum's order."""
-    return np.bincount(episode.actions[episode.motion_read, 0], minlength=len(Motion)).tolist()
-
-
-def gaze_counts(episode: Episode) -> list[int]:
-    """How often each gaze was commanded, in the enum's order."""
-    return np.bincount(episode.actions[:, 1], minlength=len(Gaze)).tolist()
 
 
 # How it is played -----------------------------------------------------------------------------------------------------
@@ -377,6 +368,10 @@ def _final(core: Any) -> dict[str, Array]:
 
 
 def _motions_and_gazes(action: Any, batched: bool) -> Array:
-    """(R, 2) motions and gazes of an action, pairs or the integers of the discrete action space."""
-    is_index = np.ndim(action) == int(batched)
-    return np.reshape(np.stack(np.divmod(action, len(Gaze)), axis=-1) if is_index else action, (-1, 2)).astype(int)
+    """(R, 2) motions and gazes of actions: pairs, integers of the discrete action space, or the nearest of points."""
+    if np.ndim(action) == int(batched):
+        action = np.stack(np.divmod(action, len(Gaze)), axis=-1)
+    rows = np.atleast_2d(action)
+    if rows.shape[1] == 4:
+        return np.array([(nearest_motion(row), nearest_gaze(row[3])) for row in rows])
+    return rows.astype(int)

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import baselines
+from activeslam_gym import Gaze, Motion
 from activeslam_gym.evaluation import Episode, Store, row_of, run_episode
 from activeslam_gym.files import written_whole
 from agents import policies
@@ -178,6 +179,7 @@ def test_a_model_of_stable_baselines_is_a_policy(tmp_path: Path) -> None:
         env = gym.make(f"ActiveSLAM{id}-v0", duration=1.0, end_when_lost=False)
         expected = run_episode(env, model, seed=3, name=str(path))
         np.testing.assert_array_equal(played["actions"], expected.actions)
+        assert played["actions"].shape == (4, 2) and (played["actions"] < (len(Motion), len(Gaze))).all()
         contents = policies.content(str(path))
     sb3.DQN("MlpPolicy", env, seed=9, buffer_size=10).save(path)
     assert policies.content(str(path)) != contents

@@ -10,26 +10,23 @@ from typing import Any, TypeVar
 from activeslam_gym.config import benchmark_seed, fields_of, scenario_from
 from activeslam_gym.evaluation import Episode, Store
 from agents.task import Task, check, results
-from agents.tools.arguments import SEEDS, Workers, command_line, made_scenario, scenario_argument, within
+from agents.tools.arguments import SEEDS, Pages, Workers, command_line, made_scenario, scenario_argument, within
 from agents.tools.files import writable_folder
-from agents.tools.sections import page_with, publish
+from agents.tools.sections import publish
 
 BATCH = 20  # episodes at a time
 Name = TypeVar("Name")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Page:
+class Page(Pages):
     """Where a study's text goes."""
 
     section = ""
     """The study's name, and the section of the page."""
-    report: Path | None = None
-    """Page in which the generated section is rewritten."""
 
     def __post_init__(self) -> None:
-        if self.report:
-            page_with(self.report, self.section)
+        self.check_pages(self.section)
 
     @classmethod
     def command(cls) -> str:
@@ -37,9 +34,9 @@ class Page:
         return f"studies.{cls.section}"
 
     def publish(self, text: str) -> None:
-        """Print a text, and put it into the page, under its command."""
+        """Print a text, and put it into the pages, under its command."""
         print(text)
-        publish([self.report] if self.report else [], self.section, text, command_line(self.command(), self))
+        publish(self.report, self.section, text, command_line(self.command(), self))
 
 
 @dataclass(frozen=True, kw_only=True)

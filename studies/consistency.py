@@ -111,9 +111,9 @@ def main(args: Args) -> None:
     pairs = product(args.policies, args.variants)
     groups = {pair: tasks(pair[0], settings[pair[1]], args.seed, args.episodes, Matches) for pair in pairs}
     runs = args.played(groups)
-    if args.report:
-        draw(runs, args.report.parent / "images" / "nees.png")
-        write_csv(args.report.with_name("consistency.csv"), [line_of(*key, group) for key, group in runs.items()])
+    for page in args.report:
+        draw(runs, page.parent / "images" / "nees.png")
+        write_csv(page.with_name("consistency.csv"), [line_of(*key, group) for key, group in runs.items()])
     rows = [row_of(*key, group) for key, group in runs.items()]
     args.publish(table(HEADER, rows))
 

@@ -103,8 +103,8 @@ def main(args: Args) -> None:
     ]
     others = table(("scenario", "policy", "log score"), scores)
     args.publish(f"{table(HEADER, rows_of(curves, policies))}\n\n{others}")
-    place = args.report.parent / "images" if args.report else args.out or Path("results")
-    draw(curves, policies, place / "learning.png")
+    for place in [page.parent / "images" for page in args.report] or [args.out or Path("results")]:
+        draw(curves, policies, place / "learning.png")
 
 
 if __name__ == "__main__":

@@ -135,8 +135,8 @@ def draw(runs: Runs, drawn: Runs, folder: Path) -> None:
 def main(args: Args) -> None:
     """Play, print the table, and regenerate the page."""
     runs, drawn = play(args)
-    if args.report:
-        draw(runs, drawn, args.report.parent / "images" / "paper")
+    for page in args.report:
+        draw(runs, drawn, page.parent / "images" / "paper")
     args.publish(table(HEADER, list(claims(runs))))
 
 

@@ -14,6 +14,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -104,8 +105,8 @@ def compared(base: list[dict[str, str]], other: list[dict[str, str]]) -> dict[st
     return out
 
 
-def report(page: Path) -> None:
-    """Fill the section ``worth`` of a ``page`` from ``studies/worth.csv``: the worst figures of each row."""
+def report(pages: Sequence[Path]) -> None:
+    """Fill the section ``worth`` of the ``pages`` from ``studies/worth.csv``: the worst figures of each row."""
     rows: dict[tuple[str, str], list[dict[str, str]]] = {}
     with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as file:
         for one in csv.DictReader(file):
@@ -119,7 +120,8 @@ def report(page: Path) -> None:
         nees = max(found, key=lambda one: abs(float(one["landmark_nees"]) - 1.0))
         changed = f"{nees['base_landmark_nees']} → {nees['landmark_nees']} `{nees['scenario']}`"
         lines.append((row, behaviour, lost, score, f"{100.0 * below:+.1f}", changed))
-    put_section(page, "worth", table(HEADER, lines))
+    for page in pages:
+        put_section(page, "worth", table(HEADER, lines))
 
 
 def main(args: Args) -> None:

@@ -46,7 +46,7 @@ def test_consistency_fills_its_page_and_plays_no_episode_twice(tmp_path: Path, m
     page.write_text("<!-- generated: consistency -->\n<!-- end: consistency -->\n")
     given = {"policies": ("sweep",), "variants": tuple(variants), "episodes": 2, "scenario": '{"landmark_count": 9}'}
     for _ in range(2):
-        consistency.main(consistency.Args(**given, out=tmp_path / "store", report=page))
+        consistency.main(consistency.Args(**given, out=tmp_path / "store", report=(page,)))
         monkeypatch.setattr(tasks, "play_tasks", lambda _: pytest.fail("played again"))
     rows = [one.strip("| ").split(" | ") for one in page.read_text().splitlines() if one.startswith("| `")]
     assert [row[1] for row in rows] == variants and all(0.0 < float(row[4]) < np.inf for row in rows)
@@ -161,7 +161,7 @@ def test_expected_landmarks_that_no_camera_sees_are_in_no_score() -> None:
 def test_the_command_fills_its_page(tmp_path: Path) -> None:
     page = tmp_path / "paper.md"
     page.write_text("<!-- generated: paper -->\n<!-- end: paper -->\n")
-    paper.main(paper.Args(episodes=2, seconds=2.0, report=page, out=tmp_path / "store"))
+    paper.main(paper.Args(episodes=2, seconds=2.0, report=(page,), out=tmp_path / "store"))
     rows = [line for line in page.read_text().splitlines() if line.startswith("| ")]
     assert len(rows) == 29 and {len(row.split(" | ")) for row in rows} == {5}
     assert "python -m studies.paper --episodes 2 --seconds 2 --seed 1000000\n" in page.read_text()
@@ -241,7 +241,7 @@ def test_the_log_score_of_the_live_study_is_that_of_the_environment_with_images(
 def test_the_command_fills_its_page_and_makes_no_episode_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = tmp_path / "page.md"
     page.write_text("<!-- generated: live -->\nold\n<!-- end: live -->\n")
-    args = live.Args(episodes=1, seed=9, seconds=(2.0,), out=tmp_path / "out", report=page)
+    args = live.Args(episodes=1, seed=9, seconds=(2.0,), out=tmp_path / "out", report=(page,))
     live.main(args)
     text = page.read_text()
     assert "old" not in text and "| 2 s, 1 rooms | follows |" in text and "--episodes 1 --seconds 2 --seed 9" in text

@@ -135,7 +135,8 @@ def tables(of: Suite, results: Sequence[Result]) -> tuple[Table, Table]:
         + [_training(one.entry, of), one.entry.note]
         for one in results
     ]
-    whole = Table(f"All scenarios: {of.label}, {results[0].entry.episodes} episodes each", header, rows)
+    title = f"All scenarios: suite {of.name}, manifest {of.digest}, {results[0].entry.episodes} episodes each"
+    whole = Table(title, header, rows)
     score = "its log score, bits"
     header = ["scenario", "best open-loop entry", score, "best entry", score, "lead, bits"]
     loops = [one for one in results if of.is_open_loop(one.entry.policies)]

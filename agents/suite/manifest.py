@@ -39,11 +39,6 @@ class Suite:
     open_loops: tuple[str, ...]  # in each scenario the best of them has a normalised score of 1
     training_seeds: int  # how many a learned entry has at the least
 
-    @property
-    def label(self) -> str:
-        """The suite in a page."""
-        return f"suite {self.name}, manifest {self.digest}"
-
     def played(self, episodes: int | None) -> int:
         """How many episodes of each scenario are asked for, all by None. Raises ValueError for more than there are."""
         if episodes is not None and not 1 <= episodes <= self.episodes:

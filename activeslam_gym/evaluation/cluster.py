@@ -1,7 +1,7 @@
-"""Tasks on a cluster of Ray: chunks of a few seconds, the slowest first, on machines with the same installation.
+"""Tasks on a cluster of Ray, in small chunks, on machines with the same installation.
 
 The calling process alone makes the chunks and takes their results, so that each task counts once. Ray starts processes,
-moves functions, files and results, and names the process or machine that is lost.
+moves functions, files and results, and repeats what is lost with a process or machine.
 """
 
 import os
@@ -11,8 +11,6 @@ import signal
 import sys
 from collections import deque
 from collections.abc import Callable, Generator, Hashable, Mapping, Sequence
-from dataclasses import dataclass, field
-from math import inf
 from multiprocessing import parent_process
 from pathlib import Path
 from socket import create_connection
@@ -26,7 +24,8 @@ from activeslam_gym.files import argument
 
 T = TypeVar("T", bound=Sequence)
 R = TypeVar("R")
-CHUNK = 4.0  # a chunk takes about so long [s], several hundred times what Ray needs for one
+CHUNK = 8  # most tasks of a chunk: Ray needs 4 ms for one
+CHUNKS = 8  # chunks for each core, if there are as many tasks
 AHEAD = 2  # chunks for each core that are on their way
 PATIENCE = 5.0  # for what is there already, and between questions to the head [s]
 NODE_ID = "ray.io/node-id"
@@ -35,56 +34,14 @@ FOUND: dict[Hashable, Any] = {}
 _connection: dict[str, Any] = {}  # what the one connection of this process was asked for
 
 
-@dataclass
-class Group:
-    """Tasks that take about as long as each other."""
-
-    waiting: deque = field(default_factory=deque)
-    cost: float = inf  # the lowest mean of a chunk so far [s]: a process loads kernels in its first one
-    begun: int = 0
-
-
-class Schedule:
-    """The order of tasks: groups of unknown cost, of tasks that take longer than a chunk, then the others by turns."""
-
-    def __init__(self, tasks: Sequence[Any]) -> None:
-        self._groups: dict[Hashable, Group] = {}
-        self.alone: deque[tuple[Group, list[Any]]] = deque()  # chunks to be sent as they are
-        self._repeated: set[int] = set()
-        for task in tasks:
-            self._groups.setdefault(getattr(task[0], "group", None), Group()).waiting.append(task)
-
-    def next(self, cores: int) -> tuple[Group, list[Any]] | None:
-        """A group and tasks of it that take about `CHUNK` seconds, at the end fewer; None where none wait."""
-        if self.alone:
-            return self.alone.popleft()
-        waiting = [group for group in self._groups.values() if group.waiting]
-        if not waiting:
-            return None
-        group = max(waiting, key=lambda one: (max(one.cost, CHUNK), -one.begun))
-        left = sum(len(one.waiting) * one.cost for one in waiting)
-        seconds = min(CHUNK, left / (AHEAD * cores))
-        count = min(max(1, round(seconds / group.cost)), len(group.waiting))
-        group.begun += count
-        return group, [group.waiting.popleft() for _ in range(count)]
-
-    def lost(self, group: Group, tasks: list[Any]) -> list[Any]:
-        """Each of the ``tasks`` is played again, alone; those that were already are returned."""
-        twice = [task for task in tasks if id(task) in self._repeated]
-        again = [task for task in tasks if id(task) not in self._repeated]
-        self.alone.extend((group, [task]) for task in again)
-        self._repeated.update(map(id, again))
-        return twice
-
-
 def on_cluster(
     function: Callable[[T], R | Exception], tasks: Sequence[T], address: str, files: Mapping[str, Path]
 ) -> Generator[tuple[T, R | Exception], None, None]:
     """Yield the tasks with their results or errors, as they finish, on the cluster of Ray at an ``address``.
 
     The ``function`` raises nothing. ``files`` and folders are sent with it: path in the working folder there → path
-    here. Where a process or a machine is lost, its tasks are repeated once, each alone. A machine whose `installation`
-    is another one is named, and plays nothing.
+    here. Where a process or a machine is lost, its chunk is repeated once, and then each of its tasks alone. A machine
+    whose `installation` is another one is named, and plays nothing.
 
     Raises:
         ImportError: Ray is not installed.
@@ -94,22 +51,22 @@ def on_cluster(
     ray = _connected(address, files)
     head = address if "://" in address else ray.get_runtime_context().gcs_address
     given = ray.put(ray.cloudpickle.dumps((function, FOUND))), ray.put(installation())
-    on_node = ray.remote(num_cpus=1, max_retries=0)(_on_node())
-    schedule, refused, kinds = Schedule(tasks), dict[str, str](), {processor()}
-    pending: dict[Any, tuple[Group, list[T]]] = {}
-    cores, asked = 1, -inf
+    on_node = ray.remote(num_cpus=1, max_retries=1)(_on_node())
+    refused, kinds, pending = dict[str, str](), {processor()}, dict[Any, Sequence[T]]()
     try:
-        while True:
+        cores, asked = _cores(ray, head), perf_counter()
+        size = min(max(1, len(tasks) // (CHUNKS * cores)), CHUNK)
+        waiting = deque(tasks[i : i + size] for i in range(0, len(tasks), size))
+        while waiting or pending:
             if perf_counter() > asked + PATIENCE:
                 cores, asked = _cores(ray, head), perf_counter()
             there = on_node.options(label_selector={NODE_ID: f"!in({','.join(refused)})"} if refused else {})
-            while len(pending) < AHEAD * cores and (chosen := schedule.next(cores)):
-                pending[there.remote(*given, ray.cloudpickle.dumps(chosen[1]))] = chosen
-            if not pending:
-                return
+            while waiting and len(pending) < AHEAD * cores:
+                chunk = waiting.popleft()
+                pending[there.remote(*given, ray.cloudpickle.dumps(chunk))] = chunk
             ray.wait(list(pending), num_returns=1, timeout=PATIENCE)
             for ref in ray.wait(list(pending), num_returns=len(pending), timeout=0)[0]:
-                group, chunk = pending.pop(ref)
+                chunk = pending.pop(ref)
                 try:
                     node, name, kind, differs, played = ray.get(ref, timeout=6.0 * PATIENCE)
                 except ray.exceptions.RayTaskError as error:
@@ -117,19 +74,20 @@ def on_cluster(
                     continue
                 except ray.exceptions.RayError as error:
                     why = f"its process or machine was lost twice ({type(error).__name__})"
-                    yield from ((task, ChildProcessError(f"{task[0]}: {why}")) for task in schedule.lost(group, chunk))
+                    if len(chunk) == 1:
+                        yield chunk[0], ChildProcessError(f"{chunk[0][0]}: {why}")
+                    else:
+                        waiting.extend(chunk[i : i + 1] for i in range(len(chunk)))
                     continue
                 if differs:
                     _refuse(ray, refused, node, f"{name} plays nothing, its installation differs: {differs}")
-                    schedule.alone.append((group, chunk))
+                    waiting.append(chunk)
                     continue
                 if kind not in kinds:
                     warning = f"{name} has another processor, {kind}: its scores may differ in their last digits."
                     print(warning, file=sys.stderr, flush=True)
                     kinds.add(kind)
-                outcomes, seconds = pickle.loads(played)
-                group.cost = min(group.cost, seconds / len(chunk))
-                yield from zip(chunk, outcomes, strict=True)
+                yield from zip(chunk, pickle.loads(played), strict=True)
     except ConnectionError as error:
         raise ConnectionError(f"--cluster: the head is lost, and what is over is kept ({error})") from error
     finally:
@@ -177,13 +135,11 @@ def start_worker() -> None:
 
 
 def play(work: bytes, chunk: bytes) -> bytes:
-    """The outcomes of a chunk and their time [s], in a process of a cluster."""
+    """The outcomes of a chunk, in a process of a cluster."""
     start_worker()
-    begun = perf_counter()
     function, found = pickle.loads(work)
     FOUND.update(found)
-    outcomes = [function(task) for task in pickle.loads(chunk)]
-    return pickle.dumps((outcomes, perf_counter() - begun))
+    return pickle.dumps([function(task) for task in pickle.loads(chunk)])
 
 
 def _refuse(ray: Any, refused: dict[str, str], node: str, why: str) -> None:

@@ -1,4 +1,4 @@
-"""Episodes on a cluster of Ray: `make client-cluster`, three nodes on this machine. The schedule needs no Ray."""
+"""Episodes on a cluster of Ray: `make client-cluster`, three nodes on this machine."""
 
 import json
 import os
@@ -18,7 +18,6 @@ import pytest
 
 from activeslam_gym import Scenario, config
 from activeslam_gym.evaluation import Store, cluster
-from activeslam_gym.evaluation.cluster import CHUNK, Schedule
 from agents import task as tasks
 from agents.__main__ import main
 from agents.learn.weights import SHIPPED
@@ -58,40 +57,6 @@ class Ends(Mine):
             os._exit(3)
         return super().predict(*arguments, **named)
 """
-
-
-class Job:
-    """A task of a schedule."""
-
-    def __init__(self, group: str) -> None:
-        self.group = group
-
-
-def test_the_slowest_groups_are_first_and_chunks_take_some_seconds() -> None:
-    jobs = [(Job(group),) for _ in range(100) for group in ("quick", "slow", "other")]
-    schedule, cores, order = Schedule(jobs), 2, []
-    costs = {"quick": 0.1, "slow": 10.0, "other": 0.1}
-    while found := schedule.next(cores):
-        group, chunk = found
-        (name,) = {task[0].group for task in chunk}
-        group.cost = min(group.cost, costs[name])
-        order.append((name, len(chunk)))
-    assert sum(count for _, count in order) == 300
-    assert order[:102] == [("quick", 1), ("slow", 1), ("other", 1), *[("slow", 1)] * 99]
-    assert {name for name, _ in order[102:104]} == {"quick", "other"}
-    assert order[102][1] == round(CHUNK / 0.1) > order[-1][1]
-
-
-def test_what_is_lost_is_repeated_once_and_alone() -> None:
-    schedule = Schedule([(Job("one"), i) for i in range(4)])
-    group, chunk = schedule.next(1) or pytest.fail()
-    more = [chunk, *(found[1] for found in iter(lambda: schedule.next(1), None))]
-    assert sum(map(len, more)) == 4
-    assert not schedule.lost(group, chunk)
-    for task in chunk:
-        assert schedule.next(1) == (group, [task])
-        assert schedule.lost(group, [task]) == [task]
-    assert schedule.next(1) is None
 
 
 @pytest.fixture(scope="module")

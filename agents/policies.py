@@ -1,6 +1,5 @@
 """From a policy's name to the policy: a baseline, learned weights, a saved model, or the user's own."""
 
-import hashlib
 import importlib
 import json
 from collections.abc import Iterable, Sequence
@@ -29,7 +28,7 @@ def load(name: str | PathLike[str], env: Environment, seed: int | Sequence[int] 
     if name.startswith(RLLIB):
         from agents.rllib import CheckpointPolicy
 
-        return CheckpointPolicy(_at(name), env)
+        return CheckpointPolicy(Path(name.removeprefix(RLLIB)), env)
     if ":" in name:
         return bound(_imported(name), env)
     if (path := file_of(name)) and path.suffix == ".zip":
@@ -110,28 +109,15 @@ def content(name: str) -> str:
 
 def file_of(name: str) -> Path | None:
     """The file that a policy is in; None where it is in none."""
-    path = _at(name)
-    return path if path.suffix == ".zip" and path.is_file() else weights.path_of(str(path))
+    path = Path(name)
+    return path if path.suffix == ".zip" and path.is_file() else weights.path_of(name)
 
 
 def files(names: Iterable[str]) -> dict[str, Path]:
-    """The files of policies, for another machine: path in a working folder there → path here."""
-    found = {}
-    for name in names:
-        if name.startswith(RLLIB):
-            found[str(_there(name))] = _at(name)
-        elif name.endswith(FILES) and (path := file_of(name)):
-            card = path.with_suffix(".json")
-            found |= {str(_there(name).with_suffix(one.suffix)): one for one in (path, card) if one.exists()}
-    return found
+    """The files of policies that have a path in the working folder, by that path: another machine needs them.
 
-
-def _at(name: str) -> Path:
-    """Where a policy's file or checkpoint is."""
-    return _there(name) if _there(name).exists() else Path(name.removeprefix(RLLIB))
-
-
-def _there(name: str) -> Path:
-    """Where a policy's file is found on a machine that it was sent to."""
-    sent = hashlib.sha256(name.encode(errors="surrogatepass")).hexdigest()[:16]
-    return Path(".sent", sent).with_suffix(Path(name).suffix)
+    A path from the root, or out of the folder, is looked up on that machine.
+    """
+    named = (Path(name.removeprefix(RLLIB)) for name in names if name.startswith(RLLIB) or name.endswith(FILES))
+    inside = [path for path in named if not path.is_absolute() and ".." not in path.parts]
+    return {str(one): one for path in inside for one in (path, path.with_suffix(".json")) if one.exists()}

@@ -84,7 +84,7 @@ def collect(
 
 
 def _files(tasks: Sequence[Task]) -> dict[str, Path]:
-    """What these tasks need on another machine beside the clone: path in a working folder there → path here."""
+    """What these tasks need on another machine beside the clone: path in the working folder there → path here."""
     names = {task.policy for task in tasks}
     settings = {task.settings for task in tasks}
     scenarios = (json.loads(one).get("scenario") for one in settings)

@@ -119,8 +119,11 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
         sys.modules.pop(name, None)
 
 
-def test_one_s_own_modules_weights_and_scenarios_travel(nodes: Any, own: str, tmp_path: Path) -> None:
-    weights = tmp_path / "elsewhere" / "policy.npz"
+def test_one_s_own_modules_weights_and_scenarios_travel(
+    nodes: Any, own: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    weights = Path("below", "policy.npz")
     weights.parent.mkdir()
     weights.write_bytes((SHIPPED / "ppo.npz").read_bytes())
     weights.with_suffix(".json").write_bytes((SHIPPED / "ppo.json").read_bytes())

@@ -250,7 +250,12 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         Raises:
             gymnasium.error.ResetNeeded: there is nothing to draw before the first reset.
         """
-        return next(iter(pictures_of(self)), None)
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() does nothing without a render_mode; make the environment with 'rgb_array'")
+            return None
+        from activeslam_gym.rendering.picture import draw
+
+        return draw(self.snapshot(), self.render_size)
 
     def snapshot(self) -> Snapshot:
         """All that a picture of this moment needs.

@@ -128,7 +128,12 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         Raises:
             gymnasium.error.ResetNeeded: there is nothing to draw before the first reset.
         """
-        return tuple(pictures_of(self)) or None
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() does nothing without a render_mode; make the environment with 'rgb_array'")
+            return None
+        from activeslam_gym.rendering.picture import draw
+
+        return tuple(draw(self.snapshot(i), self.render_size) for i in range(self.num_envs))
 
     def close_extras(self, **kwargs: Any) -> None:
         """End the threads."""

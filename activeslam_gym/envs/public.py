@@ -1,5 +1,6 @@
 """The public reads of an environment, for policies and for the evaluator; the same names for one and for a batch."""
 
+from dataclasses import dataclass, field
 from typing import Any
 
 import gymnasium
@@ -17,6 +18,31 @@ from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION
 from activeslam_gym.slam.estimate import Estimate, read_only, taken_estimate
 from activeslam_gym.threads import Workers
 from activeslam_gym.world.truth import Truth, truth_of
+
+
+@dataclass(frozen=True)
+class PublicBelief(Estimate):
+    """The estimate of an environment, and its entropies; read-only copies."""
+
+    log2_dets: dict[str, float] = field(default_factory=dict)
+    """log2 |P| of ``camera``, ``map`` and ``total`` at the constant dimension."""
+
+    def log2_det(self, part: str = "total") -> float:
+        """log2 |P| of a part at its constant dimension: 12, 3 N or 12 + 3 N (an unmapped landmark at its prior).
+
+        Raises:
+            ValueError: ``part`` is none of ``camera``, ``map`` and ``total``.
+        """
+        if part not in self.log2_dets:
+            raise ValueError(f"part must be one of {', '.join(self.log2_dets)}, got {part!r}")
+        return self.log2_dets[part]
+
+
+def public_belief(run: Run) -> PublicBelief:
+    """A read-only copy of the estimate."""
+    e = run.episode.evaluation
+    log2_dets = {part: float(e[f"log2_det_{part}"]) for part in ("camera", "map", "total")}
+    return PublicBelief(**vars(taken_estimate(run.estimate)), log2_dets=log2_dets)
 
 
 def _nees_per_dof(run: Run) -> dict[str, float]:
@@ -47,9 +73,9 @@ class SingleReads(Scores):
         return batch[0] if batch.ndim > 1 else batch[0].item()
 
     @property
-    def belief(self) -> Estimate:
+    def belief(self) -> PublicBelief:
         """The belief, with every feature as a point; read-only."""
-        return taken_estimate(self._run.estimate)
+        return public_belief(self._run)
 
     @property
     def predicted_belief(self) -> PredictedBelief:
@@ -97,9 +123,9 @@ class BatchReads(Scores):
         return one
 
     @property
-    def belief(self) -> tuple[Estimate, ...]:
+    def belief(self) -> tuple[PublicBelief, ...]:
         """The beliefs, with every feature as a point; read-only."""
-        return tuple(taken_estimate(run.estimate) for run in self._each())
+        return tuple(public_belief(run) for run in self._each())
 
     @property
     def truth(self) -> Truth:

@@ -46,7 +46,6 @@ class Runs:
 
     _encoding: Encoding = PAIRS
     render_mode: str | None = None
-    render_size: tuple[int, int]
 
     def __init__(self, setting: Setting, runs: Run, workers: Workers) -> None:
         task = setting.task

@@ -161,11 +161,6 @@ def _default_step(scenario: Scenario, motion_period: float, duration: float) -> 
 
 def models_of(scenario: Scenario, task: Record, motion_period: float) -> Record:
     """The MODELS record of a scenario."""
-    limits = UNLIMITED
-    if scenario.sensor in TEXTURED:
-        from activeslam_gym.vision.settings import SIGHTED
-
-        limits = SensorLimits(SIGHTED.most_change, SIGHTED.visible)
     lens = camera_of(scenario)
     true_lens = lens.copy()
     if scenario.true_focal_px is not None:
@@ -178,7 +173,7 @@ def models_of(scenario: Scenario, task: Record, motion_period: float) -> Record:
         true_lens=true_lens,
         motion=motion_of(scenario, motion_period),
         sensor=sensor_of(scenario),
-        **limits._asdict(),
+        **sensor_limits(scenario)._asdict(),
         filter=filter_of(scenario),
         task=task,
         landmark_var=scenario.landmark_prior_variance,
@@ -186,6 +181,15 @@ def models_of(scenario: Scenario, task: Record, motion_period: float) -> Record:
         boxes_known=scenario.boxes_known,
         negative_information=scenario.negative_information,
     )
+
+
+def sensor_limits(scenario: Scenario) -> SensorLimits:
+    """The limits of the scenario's sensor."""
+    if scenario.sensor in TEXTURED:
+        from activeslam_gym.vision.settings import SIGHTED
+
+        return SensorLimits(SIGHTED.most_change, SIGHTED.visible)
+    return UNLIMITED
 
 
 def checked_rendering(mode: Any, size: Any) -> tuple[str | None, tuple[int, int]]:

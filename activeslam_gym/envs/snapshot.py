@@ -6,12 +6,13 @@ import gymnasium
 import numpy as np
 
 from activeslam_gym.config import Scenario
+from activeslam_gym.envs.public import PublicBelief, public_belief
 from activeslam_gym.envs.run import known_boxes
 from activeslam_gym.envs.runs import Runs
 from activeslam_gym.information.entropy import WAITING
 from activeslam_gym.kernels import uncompiled
 from activeslam_gym.motion import Gaze, Motion, nearest_gaze, nearest_motion
-from activeslam_gym.slam.estimate import COMPILED, Estimate, taken_estimate
+from activeslam_gym.slam.estimate import COMPILED
 from activeslam_gym.slam.sight import sight_of_belief
 from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.simulator import boxes_of
@@ -29,7 +30,7 @@ class Snapshot:
     duration: float
     motion: Motion
     gaze: Gaze
-    belief: Estimate
+    belief: PublicBelief
     truth: Truth
     """With the boxes that there are; on images, with those landmarks that a feature follows."""
     room_size: np.ndarray
@@ -91,7 +92,7 @@ def snapshot_of(runs: Runs, i: int) -> Snapshot:
         duration=runs.duration,
         motion=nearest_motion(episode.control.command),
         gaze=nearest_gaze(runs._commands[i, 3]),
-        belief=taken_estimate(run.estimate),
+        belief=public_belief(run),
         truth=replace(truth, landmarks=landmarks, boxes=boxes_of(run.world).copy()),
         room_size=2.0 * run.models.motion.half,
         floor_plan=_floor_plan(getattr(perception, "scene", None)),

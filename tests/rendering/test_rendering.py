@@ -105,8 +105,7 @@ def test_ellipses_great_circles_and_outlines_lie_at_their_sigmas():
 def test_gymnasium_shows_it_in_a_window(monkeypatch):
     pytest.importorskip("pygame")
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    with pytest.warns(UserWarning, match="HumanRendering"):
-        env = gymnasium.make("ActiveSLAM-v0", render_mode="human")
+    env = gymnasium.make("ActiveSLAM-v0", render_mode="human")
     env.reset(seed=0)
     assert env.window.get_size() == (960, 640)
     env.close()

@@ -10,12 +10,11 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.wrappers import HumanRendering
 
 from activeslam_gym.envs.snapshot import Snapshot
 from activeslam_gym.evaluation import Observer, row_of
 from activeslam_gym.files import written_whole
-from activeslam_gym.rendering.picture import REFERENCE_SIZE, draw
+from activeslam_gym.rendering.picture import REFERENCE_SIZE, NoScreen, draw
 from activeslam_gym.rendering.scene import TEXT
 from agents.task import Task, check, file_name, make_environment, run_policy
 from agents.tools.arguments import SEEDS, Times, given, within
@@ -68,15 +67,13 @@ def main(args: Args) -> int:
     """
     films, arguments = {}, args.environment(args.scenario)
     check(Task(name, args.seed, json.dumps(arguments)) for name in args.policies)
+    mode = "rgb_array" if args.save or args.tum else "human"  # the former keeps the history that a picture shows
     for name, title in titles(args.policies).items():
-        film, env = Film(args.every, args.width), make_environment(arguments | {"render_mode": "rgb_array"})
-        env = env if args.save or args.tum else HumanRendering(env)
+        film, env = Film(args.every, args.width), make_environment(arguments | {"render_mode": mode})
         observers: list[Observer] = [film.observe] if args.save else []
         try:
             (episode,) = run_policy(name, env, [args.seed], observers=[observers])
-        except RuntimeError as error:
-            if not type(error).__module__.startswith("pygame"):
-                raise
+        except NoScreen as error:
             message = "no screen was found to watch on; --save clip.gif or --tum write files instead"
             raise gym.error.Error(message) from error
         row = row_of(episode)

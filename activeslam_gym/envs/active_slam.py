@@ -136,7 +136,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `reward` | `"entropy"` | the potential: a name in `envs.reward.REWARDS`, or a function |
     | `lost_position_error` | `0.5` | true position error beyond which the episode is lost [m] |
     | `end_when_lost` | `True` | whether a lost episode is terminated |
-    | `render_mode` | `None` | `"rgb_array"`; `gymnasium.make` takes `"human"` too, by `HumanRendering` |
+    | `render_mode` | `None` | `"rgb_array"` or `"human"`, which needs a screen |
     | `render_size` | `(960, 640)` | width and height of the picture [px] |
     | `scene` | `None` | a scene in place of the scenario's: a name or an object |
     | `sensor` | `None` | the same of the sensor |
@@ -183,7 +183,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         TypeError: there is no such argument.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 20}
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 20}
 
     def __init__(
         self,
@@ -202,7 +202,8 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         criterion: Any = None,
         **unknown: Any,
     ) -> None:
-        self.render_mode, self.render_size = checked_rendering(render_mode, render_size)
+        modes = self.metadata["render_modes"]
+        self.render_mode, self.render_size = checked_rendering(render_mode, modes, render_size)
         given = scenario, gaze_period, motion_period, duration, reward, lost_position_error, end_when_lost
         setting = resolve(*given, scene=scene, sensor=sensor, estimator=estimator, criterion=criterion, **unknown)
         super().__init__(setting, empty_runs(setting.scenario, 1), Workers(1))
@@ -211,6 +212,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         self.action_space = self._encoding.space()
         self._steps = int(setting.task.steps)
         self._running = False
+        self._window: Any = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -226,6 +228,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         self._reset_run(0, key)
         self._play(BEGIN, 0.0)
         self._running = True
+        self._show()
         return self._runs.observation[0].copy(), info_of(self._runs, self.setting.reward)
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
@@ -242,10 +245,11 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         terminated = self._end_when_lost and bool(episode["lost"][0])
         truncated = bool(episode["steps"][0] >= self._steps)
         self._running = not (terminated or truncated)
+        self._show()
         return observation, float(episode["reward"][0]), terminated, truncated, info_of(self._runs, self.setting.reward)
 
     def render(self) -> np.ndarray | None:
-        """The present moment as an (H, W, 3) uint8 image in ``rgb_array`` mode.
+        """The present moment as an (H, W, 3) uint8 image in ``rgb_array`` mode; nothing in ``human`` mode.
 
         Raises:
             gymnasium.error.ResetNeeded: there is nothing to draw before the first reset.
@@ -253,9 +257,24 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         if self.render_mode is None:
             gymnasium.logger.warn("render() does nothing without a render_mode; make the environment with 'rgb_array'")
             return None
+        if self.render_mode == "human":
+            return None
         from activeslam_gym.rendering.picture import draw
 
         return draw(self.snapshot(), self.render_size)
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+    def _show(self) -> None:
+        if self.render_mode == "human":
+            from activeslam_gym.rendering.picture import Window
+
+            self._window = self._window or Window(self.render_size)
+            self._window.show(self.snapshot())
 
     def snapshot(self) -> Snapshot:
         """All that a picture of this moment needs.

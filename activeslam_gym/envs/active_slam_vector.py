@@ -31,7 +31,8 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
     `ActiveSLAMEnv` lets policies read has here a leading axis.
 
     ## Arguments
-    Those of `ActiveSLAMEnv`, and ``num_envs``;
+    Those of `ActiveSLAMEnv`, where ``render_mode`` is None or "rgb_array", and
+    ``num_envs``;
     ``num_threads``: at most this many run at once (None: as many as cores that the process may use; see `threads`);
     ``autoreset_mode``: an `AutoresetMode`, its name or its value: NEXT_STEP resets an ended environment in the next
     step, which ignores its action; SAME_STEP in the step that ends it; DISABLED never;
@@ -61,7 +62,8 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         render_size: tuple[int, int] = (960, 640),
         **arguments: Any,
     ) -> None:
-        self.render_mode, self.render_size = checked_rendering(render_mode, render_size)
+        modes = self.metadata["render_modes"]
+        self.render_mode, self.render_size = checked_rendering(render_mode, modes, render_size)
         self.num_envs = whole_number("num_envs", num_envs)
         self.autoreset_mode = _mode(autoreset_mode)
         setting = resolve(scenario, **arguments)

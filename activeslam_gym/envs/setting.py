@@ -1,7 +1,7 @@
 """From the arguments of an environment to the constants of its runs."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -192,14 +192,14 @@ def sensor_limits(scenario: Scenario) -> SensorLimits:
     return UNLIMITED
 
 
-def checked_rendering(mode: Any, size: Any) -> tuple[str | None, tuple[int, int]]:
-    """How pictures are asked for, None or "rgb_array", and their width and height [px].
+def checked_rendering(mode: Any, modes: Sequence[str], size: Any) -> tuple[str | None, tuple[int, int]]:
+    """How pictures are asked for, None or one of the ``modes``, and their width and height [px].
 
     Raises:
         ValueError: it is no such mode, or the size is not two whole numbers in `PICTURE_SIDE`.
     """
-    if mode is not None and not (isinstance(mode, str) and mode == "rgb_array"):
-        raise ValueError(f"render_mode must be None or 'rgb_array', got {mode!r}")
+    if mode is not None and not (isinstance(mode, str) and mode in modes):
+        raise ValueError(f"render_mode must be None or {' or '.join(map(repr, modes))}, got {mode!r}")
     least, most = PICTURE_SIDE
     try:
         width, height = (whole_number("render_size", side, least) for side in size)

@@ -51,6 +51,7 @@ if TYPE_CHECKING:
 Curve = tuple[np.ndarray, np.ndarray]  # times (T,) [s] and entropies (T,) [bit]
 REFERENCE_SIZE = (960, 640)  # pixels at which the lettering has its nominal size; other sizes scale it
 
+_NO_SCREEN = "render_mode='human' needs a screen, and none was found; render_mode='rgb_array' draws without one"
 _TICKS = {"color": MUTED, "labelcolor": TEXT, "labelsize": 6.5, "major.width": 0.7, "major.size": 3.0}
 _STYLE = {
     "font.family": "sans-serif",
@@ -71,20 +72,22 @@ def draw(snapshot: Snapshot, size: tuple[int, int] = REFERENCE_SIZE, beside: Seq
 
     ``beside``: entropies of whole episodes, drawn up to the snapshot's time; they determine the axis of entropy.
     """
-    picture = _picture((int(size[0]), int(size[1])))
+    picture = _offscreen_picture(int(size[0]), int(size[1]))
     picture.update(snapshot, beside)
-    picture.canvas.draw()
-    return np.asarray(picture.canvas.buffer_rgba())[..., :3].copy()
+    picture.figure.canvas.draw()
+    return np.asarray(picture.figure.canvas.buffer_rgba())[..., :3].copy()
 
 
 class Picture:
-    """Three panels on one figure of ``size`` (W, H) in pixels, whose artists are kept from frame to frame."""
+    """Three panels on one figure of matplotlib, whose artists are kept from frame to frame.
 
-    def __init__(self, size: tuple[int, int]):
+    ``make``: matplotlib's function that makes a figure of ``size`` (W, H) in pixels.
+    """
+
+    def __init__(self, make: Any, size: tuple[int, int]):
         dpi = 135 * min(np.array(size) / REFERENCE_SIZE)
         # A thousandth of a pixel more, since the canvas truncates.
-        figure = Figure(figsize=tuple((np.array(size) + 1e-3) / dpi), dpi=dpi)
-        self.canvas = FigureCanvasAgg(figure)
+        self.figure = figure = make(figsize=tuple((np.array(size) + 1e-3) / dpi), dpi=dpi)
         with style.context(["default", _STYLE]):  # whatever the user's settings are
             figure.set_facecolor("white")
             self._title = figure.text(0.022, 0.952, "", size=9.5, weight="bold", va="center")
@@ -107,8 +110,58 @@ class Picture:
         self._entropy.update(snapshot, beside)
 
 
-_picture = functools.lru_cache(maxsize=4)(Picture)
-"""The picture of a size, kept: building a figure costs more than drawing one."""
+@functools.lru_cache(maxsize=4)
+def _offscreen_picture(width: int, height: int) -> Picture:
+    """The picture of a size in pixels, kept: building a figure costs more than drawing one."""
+    picture = Picture(Figure, (width, height))
+    FigureCanvasAgg(picture.figure)
+    return picture
+
+
+class NoScreen(gymnasium.error.Error):
+    """No window can be opened."""
+
+
+class Window:
+    """A window on the screen. Where a user has closed it, the run goes on without."""
+
+    def __init__(self, size: tuple[int, int] = REFERENCE_SIZE):
+        self.size = size
+        self._picture: Picture | None = None
+
+    def show(self, snapshot: Snapshot) -> None:
+        """Draws the snapshot now; the first call opens the window. Raises NoScreen where there is none."""
+        from matplotlib import pyplot
+
+        self._picture = self._picture or self._opened()
+        if pyplot.fignum_exists(self._picture.figure.number):
+            self._picture.update(snapshot)
+            self._picture.figure.canvas.draw()
+            self._picture.figure.canvas.flush_events()
+
+    def close(self) -> None:
+        """Closes the window; harmless where none is open."""
+        from matplotlib import pyplot
+
+        if self._picture is not None:
+            pyplot.close(self._picture.figure)
+        self._picture = None
+
+    def _opened(self) -> Picture:
+        """A picture in a window. Raises NoScreen: none can be opened."""
+        from matplotlib import pyplot
+        from matplotlib.backend_bases import FigureManagerBase
+
+        try:
+            picture = Picture(pyplot.figure, self.size)
+        except Exception as error:  # each GUI toolkit has its own way to say that there is no screen
+            raise NoScreen(_NO_SCREEN) from error
+        if type(picture.figure.canvas.manager) is FigureManagerBase:  # a backend without windows, such as Agg
+            pyplot.close(picture.figure)
+            raise NoScreen(_NO_SCREEN)
+        picture.figure.canvas.manager.set_window_title("Active SLAM")
+        picture.figure.show()
+        return picture
 
 
 class MapPanel:

@@ -102,10 +102,22 @@ def test_ellipses_great_circles_and_outlines_lie_at_their_sigmas():
     np.testing.assert_allclose(squares(scene.ellipsoid_outlines(origin, covariances, 2.0), on_page), 4.0)
 
 
-def test_gymnasium_shows_it_in_a_window(monkeypatch):
-    pytest.importorskip("pygame")
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    env = gymnasium.make("ActiveSLAM-v0", render_mode="human")
-    env.reset(seed=0)
-    assert env.window.get_size() == (960, 640)
-    env.close()
+def test_window_without_a_screen_names_the_alternative(no_screen):
+    window = rendering.Window()
+    with pytest.raises(rendering.NoScreen, match="rgb_array"):
+        window.show(make_snapshot())
+    assert not no_screen.get_fignums()
+
+
+def test_window_shows_redraws_and_closes(screen):
+    window = rendering.Window()
+    window.show(make_snapshot(seed=1))
+    window.show(make_snapshot(seed=2))
+    assert len(screen.get_fignums()) == 1
+    screen.close("all")  # the user's click
+    window.show(make_snapshot(seed=1))
+    assert not screen.get_fignums()
+    window.close()
+    window.show(make_snapshot(seed=1))
+    assert len(screen.get_fignums()) == 1
+    window.close()

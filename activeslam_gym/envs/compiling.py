@@ -43,7 +43,7 @@ def compile_all(kernels: Sequence[Callable[[], None]]) -> None:
     Raises:
         RuntimeError: a process failed; its messages.
     """
-    began = time.monotonic()
+    began, done = time.monotonic(), list[str]()
 
     def run(kernel: Callable[[], None]) -> str:
         command = f"from {__name__} import {kernel.__name__}; {kernel.__name__}()"
@@ -54,7 +54,9 @@ def compile_all(kernels: Sequence[Callable[[], None]]) -> None:
 
     with ThreadPoolExecutor(available_cores()) as pool:
         for one in as_completed([pool.submit(run, kernel) for kernel in kernels]):
-            line = f"activeslam_gym: kernels of {one.result()} are ready after {time.monotonic() - began:.0f} s"
+            done.append(one.result())
+            bar = "#" * len(done) + "." * (len(kernels) - len(done))
+            line = f"activeslam_gym: kernels [{bar}] {', '.join(done)}: {time.monotonic() - began:.0f} s"
             print(line, file=sys.stderr, flush=True)
 
 

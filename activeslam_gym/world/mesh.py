@@ -51,13 +51,29 @@ class MeshFactory:
         return _loaded(self, Path(self.path).stat().st_mtime_ns)
 
 
-def _demand_triangles(path: str) -> None:
-    """A ValueError, if a face of the OBJ file has more than three corners, or counts them backwards: trimesh fills
-    the notch of a concave face, and counts from the last corner of the whole file."""
+def _demand_plain_faces(path: str) -> None:
+    """A ValueError, if a face of the OBJ file is not convex, whose notch trimesh fills; or if faces count corners
+    backwards and more corners follow, since trimesh counts from the last one of the file."""
+    points, backwards = list[list[str]](), False
+    faces: dict[int, list[list[int]]] = {}  # by the number of corners
     for line in Path(path).read_text(errors="replace").replace("\\\n", " ").splitlines():  # a \ continues a line
-        kind, *corners = line.split() or [""]
-        if kind == "f" and (len(corners) > 3 or any(corner.startswith("-") for corner in corners)):
-            raise ValueError(f"{line!r} is no triangle of corners that are numbered from 1; export triangles")
+        kind, *words = line.split() or [""]
+        if kind == "v":
+            points.append(words[:3])
+            if backwards:
+                raise ValueError("faces count corners backwards, from the last one so far; export numbers from 1")
+        elif kind == "f":
+            numbers = [int(word.split("/")[0]) for word in words]  # from 1, or backwards from the last one so far
+            backwards |= min(numbers) < 0
+            if len(words) > 3:
+                faces.setdefault(len(words), []).append([n - 1 if n > 0 else len(points) + n for n in numbers])
+    for rings in faces.values():
+        corners = np.array(points, float)[rings]
+        edges = np.roll(corners, -1, axis=1) - corners
+        turns = np.cross(np.roll(edges, 1, axis=1), edges)
+        normal = np.cross(edges[:, :-1], corners[:, :1] - corners[:, :-1]).sum(axis=1)  # twice the area
+        if (np.einsum("mni,mi->mn", turns, normal) < -1e-6 * (normal**2).sum(axis=1)[:, None]).any():
+            raise ValueError("a face of more than three corners is not convex; export triangles")
 
 
 @functools.lru_cache(maxsize=8)
@@ -65,7 +81,7 @@ def _loaded(factory: MeshFactory, _: int) -> "MeshScene":
     name = f"scenario.scene: {factory.path!r}"
     try:
         if Path(factory.path).suffix.lower() == ".obj":
-            _demand_triangles(factory.path)
+            _demand_plain_faces(factory.path)
         mesh = trimesh.load(factory.path, force="mesh")
         mesh.apply_scale(factory.unit).apply_transform(_UP[factory.up])
     except Exception as error:

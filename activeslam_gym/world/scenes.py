@@ -92,7 +92,7 @@ class CheckedScene:
     def __init__(self, scenario: Scenario, scene: Scene) -> None:
         self._of, self._scene = f"of the scene {name_of(scenario.scene)!r}", scene
         half, self.start = 0.5 * np.array(scenario.room_size), getattr(scene, "start", None)
-        slack = _ROUNDING * max(1.0, half.max())
+        self._slack = slack = _ROUNDING * max(1.0, half.max())
         self.bounds = low, high = self._answer("bounds", lambda: scene.bounds, (2, 3))
         if not ((-half - slack <= low) & (low < high) & (high <= half + slack)).all():
             room = f"its lowest and highest corner, inside of ±{half.tolist()}"
@@ -113,6 +113,11 @@ class CheckedScene:
     def sample(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """`Scene.sample`."""
         points, normals = self._answer("sample()", lambda: self._scene.sample(n, rng), (2, n, 3))
+        low, high = self.bounds
+        if not ((low - self._slack <= points) & (points <= high + self._slack)).all():
+            raise ValueError(f"sample() {self._of} must return points inside of its bounds")
+        if (np.abs(np.linalg.norm(normals, axis=1) - 1.0) > _ROUNDING).any():
+            raise ValueError(f"sample() {self._of} must return normals of length 1, got {normals!r}")
         return points, normals
 
     def _answer(

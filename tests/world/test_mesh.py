@@ -78,14 +78,37 @@ def test_a_flat_is_flown_alone_and_in_a_batch_to_the_bit(tmp_path: Path) -> None
     assert copy.deepcopy(one.unwrapped.truth.scene).bounds.tolist() == one.unwrapped.truth.scene.bounds.tolist()
 
 
-@pytest.mark.parametrize("face", ["1 2 3 4", "-3//1 -2//1 \\\n -1//1"])
-def test_a_face_of_four_corners_or_that_counts_backwards_is_refused(face: str, tmp_path: Path) -> None:
-    """`findings/trimesh_fills_concave_faces.sh` and `findings/trimesh_counts_back_from_the_last_vertex.sh`."""
-    file = Path(saved(flat(), tmp_path, "flat.obj"))
-    MeshFactory(str(file))(Scenario(), None)
-    file.write_text(f"{file.read_text()}\nf {face}\n")
-    with pytest.raises(ValueError, match="export triangles"):
-        MeshFactory(str(file))(Scenario(), None)
+def with_polygons(mesh: Any, floor: list[tuple[float, float]], file: Path) -> str:
+    """The mesh as OBJ, with another face of many corners at the middle of its height."""
+    own = len(mesh.vertices)
+    lines = [f"v {x} {y} {z}" for x, y, z in [*mesh.vertices, *((x, mesh.bounds[:, 1].mean(), z) for x, z in floor)]]
+    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.faces]
+    file.write_text(
+        "\n".join([*lines, f"f {' '.join(str(own + 1 + k) for k in range(len(floor)))}", "f -3//1 -2//1 \\\n -1//1"])
+    )
+    return str(file)
+
+
+def test_a_concave_face_is_refused_and_a_convex_one_is_not(tmp_path: Path) -> None:
+    """`findings/trimesh_fills_concave_faces.sh`."""
+    corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 0.5), (0.5, 0.5), (0.5, 1.0), (0.0, 1.0)]
+    for first in range(6):
+        notched = with_polygons(flat(), corners[first:] + corners[:first], tmp_path / f"notched{first}.obj")
+        with pytest.raises(ValueError, match="not convex; export triangles"):
+            MeshFactory(notched)(Scenario(), None)
+    corners[3] = (0.8, 0.8)
+    assert MeshFactory(with_polygons(flat(), corners, tmp_path / "convex.obj"))(Scenario(), None).bounds.shape == (2, 3)
+    MeshFactory(with_polygons(flat(), corners[::-1], tmp_path / "from_below.obj"))(Scenario(), None)
+
+
+def test_faces_that_count_backwards_before_other_corners_are_refused(tmp_path: Path) -> None:
+    """`findings/trimesh_counts_back_from_the_last_vertex.sh`."""
+    whole = Path(with_polygons(flat(), [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)], tmp_path / "last.obj"))
+    MeshFactory(str(whole))(Scenario(), None)  # nothing follows its face of -3 -2 -1
+    followed = tmp_path / "followed.obj"
+    followed.write_text(whole.read_text() + "\nv 0 0 0\n")
+    with pytest.raises(ValueError, match="count corners backwards"):
+        MeshFactory(str(followed))(Scenario(), None)
 
 
 def test_axes_and_unit_are_options(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from activeslam_gym.config import Scenario, whole_number
 from activeslam_gym.envs.actions import INDICES, POINTS, checked_options
 from activeslam_gym.envs.info import info_of
 from activeslam_gym.envs.observation import observation_space
-from activeslam_gym.envs.public import SingleReads, pictures_of
+from activeslam_gym.envs.public import SingleReads
 from activeslam_gym.envs.reset import empty_runs
 from activeslam_gym.envs.reward import Potential
 from activeslam_gym.envs.setting import checked_rendering, resolve

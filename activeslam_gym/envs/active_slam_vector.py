@@ -13,7 +13,7 @@ from activeslam_gym.config import Scenario, whole_number
 from activeslam_gym.envs.actions import INDICES, POINTS, checked_options
 from activeslam_gym.envs.info import infos_of
 from activeslam_gym.envs.observation import observation_space
-from activeslam_gym.envs.public import BatchReads, pictures_of
+from activeslam_gym.envs.public import BatchReads
 from activeslam_gym.envs.reset import empty_runs
 from activeslam_gym.envs.setting import checked_rendering, resolve
 from activeslam_gym.envs.snapshot import Snapshot, snapshot_of

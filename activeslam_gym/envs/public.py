@@ -3,14 +3,11 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-import gymnasium
 import numpy as np
 
 from activeslam_gym.envs.evaluation import Labels, features_of_landmarks
 from activeslam_gym.envs.planning import Scores, predicted_belief
 from activeslam_gym.envs.run import Run
-from activeslam_gym.envs.runs import Runs
-from activeslam_gym.envs.snapshot import snapshot_of
 from activeslam_gym.information.candidates import PredictedBelief
 from activeslam_gym.kernels import row
 from activeslam_gym.metrics import camera_error, nees
@@ -136,17 +133,3 @@ class BatchReads(Scores):
         """(B,) NEES per degree of freedom of ``position``, ``orientation``, ``landmarks``; see `SingleReads.nees`."""
         each = [_nees_per_dof(run) for run in self._each()]
         return {name: np.array([one[name] for one in each]) for name in each[0]}
-
-
-def pictures_of(runs: Runs) -> list[np.ndarray]:
-    """The present moment of each run as an (H, W, 3) uint8 image; none, with a warning, without a ``render_mode``.
-
-    Raises:
-        gymnasium.error.ResetNeeded: a run has not begun.
-    """
-    if runs.render_mode is None:
-        gymnasium.logger.warn("render() does nothing without a render_mode; make the environment with 'rgb_array'")
-        return []
-    from activeslam_gym.rendering.picture import draw
-
-    return [draw(snapshot_of(runs, i), runs.render_size) for i in range(len(runs._past))]

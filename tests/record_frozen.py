@@ -18,16 +18,14 @@ SECONDS = 6.0
 SIGHTS = 3
 """Observations and scores are recorded at the reset and so many times after it, evenly."""
 POINTS, IMAGES = "ActiveSLAM-v0", "ActiveSLAMPixels-v0"
-CASES = {  # scenario, seed, gaze period [s] of ActiveSLAM-v0
-    "paper": ("paper", 0, 0.25),
-    "every-frame": ("paper", 1, 0.05),
-    "paper-literal": ("paper-literal", 2, 0.25),
-    "clutter": ("clutter", 3, 0.25),
-    "hand-held": ("hand-held", 4, 0.2),
-}
-IMAGE_CASES = {  # the same of ActiveSLAMPixels-v0: seeds whose runs do not depend on the last digits
-    "pixels": ("pixels", 8, 0.25),
-    "hand-held-pixels": ("hand-held-pixels", 6, 0.2),
+CASES = {  # environment, scenario, seed, gaze period [s]; with images, seeds whose runs do not depend on last digits
+    "paper": (POINTS, "paper", 0, 0.25),
+    "every-frame": (POINTS, "paper", 1, 0.05),
+    "paper-literal": (POINTS, "paper-literal", 2, 0.25),
+    "clutter": (POINTS, "clutter", 3, 0.25),
+    "hand-held": (POINTS, "hand-held", 4, 0.2),
+    "pixels": (IMAGES, "pixels", 8, 0.25),
+    "hand-held-pixels": (IMAGES, "hand-held-pixels", 6, 0.2),
 }
 
 
@@ -36,9 +34,9 @@ def action(step: int) -> tuple[int, int]:
     return (3 * step + 2) % 7, (step // 3 + 1) % 3
 
 
-def play(env_id: str, case: str) -> dict[str, np.ndarray]:
+def play(case: str) -> dict[str, np.ndarray]:
     """What an environment does in a case, as named arrays whose first axis is time (K + 1 moments with the reset)."""
-    scenario, seed, gaze_period = (CASES | IMAGE_CASES)[case]
+    env_id, scenario, seed, gaze_period = CASES[case]
     env: Any = gym.make(env_id, scenario=scenario, gaze_period=gaze_period, duration=SECONDS)
     observation, info = env.reset(seed=seed)
     moments, seen, scores = [(0.0, False, False, info)], [observation], [scores_of(env)]
@@ -72,8 +70,6 @@ def numbers(info: dict[str, Any], prefix: str = "") -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    for env_id, cases in ((POINTS, CASES), (IMAGES, IMAGE_CASES)):
-        for case in cases:
-            recorded = play(env_id, case)
-            np.savez_compressed(FOLDER / f"{env_id}-{case}.npz", behaviour=activeslam_gym.BEHAVIOUR, **recorded)
-            print(f"recorded {case}")
+    for case, (env_id, *_) in CASES.items():
+        np.savez_compressed(FOLDER / f"{env_id}-{case}.npz", behaviour=activeslam_gym.BEHAVIOUR, **play(case))
+        print(f"recorded {case}")

@@ -16,7 +16,7 @@ from activeslam_gym.camera import View, camera_of, pixel_from_camera_point, visi
 from activeslam_gym.config import DEPTH_PARTICLES, INVERSE_DEPTH, Scenario
 from activeslam_gym.envs.active_slam import ActiveSLAMEnv
 from activeslam_gym.envs.run import Run
-from activeslam_gym.geometry import rotate_left, rotation_error, rotation_matrix, skew
+from activeslam_gym.geometry import rotate_left, rotation_matrix, skew
 from activeslam_gym.information.candidates import PredictedBelief
 from activeslam_gym.kernels import row
 from activeslam_gym.metrics import camera_error
@@ -235,9 +235,21 @@ def simulation_of(env: Any) -> Run:
     return inner._run
 
 
-def rotation_between(q_true: np.ndarray, q_hat: np.ndarray) -> np.ndarray:
-    """Log(R_true R_hat^T) (3,)."""
-    return rotation_error(np.ascontiguousarray(q_true), np.ascontiguousarray(q_hat))
+def moments(env: Any, seed: int | None, actions: Any) -> tuple[np.ndarray, np.ndarray, list[dict[str, Any]]]:
+    """Observations (K + 1, D), rewards (K,) and infos (K + 1) of a reset and of ``actions``, until the end."""
+    told, over = [(*env.reset(seed=seed), 0.0)], False
+    for action in actions:
+        if not over:
+            observation, reward, terminated, truncated, info = env.step(action)
+            told.append((observation, info, float(reward)))
+            over = terminated or truncated
+    observations, infos, rewards = zip(*told, strict=True)
+    return np.array(observations), np.array(rewards[1:]), list(infos)
+
+
+def random_actions(count: int, seed: int = 0) -> np.ndarray:
+    """(count, 2) motions and gazes."""
+    return np.random.default_rng(seed).integers((7, 3), size=(count, 2))
 
 
 def turn_of_everything(belief: Belief) -> np.ndarray:

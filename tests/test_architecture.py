@@ -36,14 +36,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "rendering": {"envs.snapshot"},  # draws a snapshot
     "envs": MATHEMATICS | {"threads", "metrics", "world", "sensors", "slam", "information", "rendering", "vision"},
     "vision": MATHEMATICS | {"files", "slam", "world.noise"},  # beside envs; of the world the counted noise alone
-    "evaluation": {
-        "files",
-        "registry",
-        "metrics",
-        "motion",
-        "envs.info",
-        "__init__",
-    },  # reads environments through their public surface
+    # reads environments through their public surface
+    "evaluation": {"files", "registry", "metrics", "motion", "envs.info", "__init__"},
     "live": MATHEMATICS | {"files", "metrics", "slam", "information", "vision"},
     "__main__": {"vision", "live"},
     "__init__": {"config", "motion", "envs"},

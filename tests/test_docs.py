@@ -48,10 +48,6 @@ def section(title: str) -> str:
     return found[1]
 
 
-def first_names(title: str) -> list[str]:
-    return [row[0].strip("`") for row in rows(section(title))]
-
-
 def test_observation_table_is_the_layout() -> None:
     told = [(row[0].strip("`"), int(row[1])) for row in rows(section("Observation space"))]
     assert "32 + 11 (K + N + 13)" in section("Observation space")
@@ -83,7 +79,8 @@ def test_information_tables_are_what_is_returned() -> None:
     env = gym.make("ActiveSLAM-v0")
     infos = [env.reset(seed=0)[1], env.step((Motion.UP, Gaze.LEFT))[4]]
     for info in infos:
-        assert sorted(first_names("Information")) == sorted([*info, *info["events"]])
+        told = [row[0].strip("`") for row in rows(section("Information"))]
+        assert sorted(told) == sorted([*info, *info["events"]])
         assert list(info["reward_terms"]) == [*REWARDS, "lost_penalty"]
 
 
@@ -108,11 +105,6 @@ def test_relative_links_lead_to_files() -> None:
 def cells(notebook: Path, kind: str) -> list[str]:
     found = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
     return ["".join(cell["source"]) for cell in found if cell["cell_type"] == kind]
-
-
-def test_items_of_a_list_of_the_specification_begin_lines_of_their_own() -> None:
-    items = re.findall(r"^- ", inspect.getdoc(ActiveSLAMEnv) or "", re.MULTILINE)
-    assert len(items) == len(re.findall(r"^- ", TABLES["specification"](), re.MULTILINE)) > 2
 
 
 def test_sections_that_are_made_from_the_code_are_as_it_makes_them() -> None:

@@ -35,16 +35,6 @@ def test_import_is_light(module: str, too_slow: list[str], tmp_path: Path) -> No
     assert json.loads(python("-c", code, cwd=tmp_path)) == []
 
 
-def test_the_hints_install_what_there_is() -> None:
-    """An index has no package of ours: a hint names a clone, and an extra that there is."""
-    extras = PYPROJECT["project"]["optional-dependencies"]
-    for folder in ("activeslam_gym", "baselines", "agents", "benchmarks", "studies"):
-        for path in (ROOT / folder).rglob("*.py"):
-            text = path.read_text(encoding="utf-8")
-            assert not re.search(r"pip install .?activeslam-gym", text), path
-            assert set(re.findall(r"'\.\[(\w+)\]'", text)) <= set(extras), path
-
-
 def test_the_source_distribution_is_the_package_without_tests(tmp_path: Path) -> None:
     """The tests need `agents`, `baselines` and modules of their own, and run in the clone."""
     pytest.importorskip("setuptools", minversion="77")

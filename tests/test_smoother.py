@@ -2,13 +2,10 @@
 
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
-import baselines
-from activeslam_gym.config import TRAINING_SEED, Scenario
-from activeslam_gym.evaluation import run_episode
+from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_error
 from activeslam_gym.sensors.points import PointSensor
 from activeslam_gym.slam.belief import start_of
@@ -29,11 +26,6 @@ def started(estimator: Any, fiducials: Any = (), narrow: float = 1.0) -> Any:
     made, (mean, P) = estimator(SCENARIO, np.reshape(fiducials, (-1, 3)), SENSOR), start_of(SCENARIO)
     made.reset(mean, narrow * P)
     return made
-
-
-def test_it_needs_known_association() -> None:
-    with pytest.raises(ValueError, match="scenario.association 'known', got 'unknown'"):
-        gym.make("ActiveSLAM-v0", estimator=Smoother)
 
 
 def test_without_measurements_it_is_the_filters_prediction() -> None:
@@ -62,9 +54,3 @@ def test_measurements_of_one_frame_give_the_filters_update() -> None:
     assert np.abs(rotation_error(found.quaternion, expected.quaternion)).max() < 1e-5
     stds = np.sqrt(expected.covariance.diagonal())
     assert np.abs((found.covariance - expected.covariance) / np.outer(stds, stds)).max() < 0.01
-
-
-def test_it_flies_an_episode_and_maps_landmarks() -> None:
-    env: Any = gym.make("ActiveSLAM-v0", scenario=SCENARIO, duration=4.0)
-    run = run_episode(env, baselines.make("mi-mi", env), seed=TRAINING_SEED)
-    assert not run.lost and run.log_score[-1] > 50.0 and run.position_error[-1] < 0.1

@@ -15,7 +15,7 @@ import pytest
 
 import baselines
 from activeslam_gym import Gaze, Motion
-from activeslam_gym.evaluation import Episode, Store, row_of, run_episode
+from activeslam_gym.evaluation import Episode, row_of, run_episode
 from activeslam_gym.files import written_whole
 from agents import policies
 from agents import task as tasks
@@ -24,7 +24,7 @@ from agents.compare import Args, compare
 from agents.summary import Aggregate, aggregate, paired_rmse, summarise
 from agents.task import Task, play_tasks
 from agents.tools.files import write_csv, write_json
-from tests.support import assert_same_record, until
+from tests.support import until
 
 ROOT = Path(__file__).parents[2]
 DURATION = 3.0
@@ -57,7 +57,7 @@ def test_outcome_of_a_known_episode() -> None:
     fourteen = {"landmark_times": 0.5 + np.arange(14.0), "landmark_log2_det": -np.arange(14.0)}
     row = row_of(episode(bits=10.0, **fourteen))
     assert (row["bits"], row["log_score_gain"], row["reward"]) == (10.0, 20.0, 10.0)
-    for gain, under in ((0.0, [0, 0]), (-1.0, [1, 0]), (-1000.0, [1, 0]), (-1001.0, [1, 1])):
+    for gain, under in ((0.0, [0, 0]), (-1000.0, [1, 0]), (-1001.0, [1, 1])):
         row = row_of(episode(log_score=np.linspace(0.0, gain, 5), **fourteen))
         assert [row["log_score_under_0"], row["log_score_under_minus_1000"]] == under
     assert (row["landmarks_mapped"], row["landmark_rmse"], row["decision_us"]) == (1, 0.03, 7.0)
@@ -78,9 +78,6 @@ def test_differences_are_within_rooms_against_the_reference_and_the_highest_log_
     assert summary.paired["mi-fisher"]["ahead"]["ahead"].value == 0.75  # the last two rooms are draws
     assert summary.policies["stay"]["bits"].value == 35.0
     assert list(summary.paired) == ["mi-fisher", "ahead"]
-    summary = summarise([episode("own:mine", bits=90.0), episode("stay"), episode("sweep", bits=20.0)])
-    assert set(summary.paired["own:mine"]) == {"sweep", "stay"}
-    assert any("mi-fisher was not run" in note for note in summary.notes)
 
 
 def test_an_interrupted_write_leaves_the_old_file_and_json_has_nulls(tmp_path: Path) -> None:
@@ -95,13 +92,9 @@ def test_an_interrupted_write_leaves_the_old_file_and_json_has_nulls(tmp_path: P
     assert json.loads(path.read_text()) == {"a": [1.0, None], "b": {"c": None}}
 
 
-def played() -> Episode:
+def test_record_of_an_episode_holds_what_its_environment_tells() -> None:
     env = gym.make("ActiveSLAM-v0", duration=DURATION)
-    return run_episode(env, baselines.make("mi-fisher", env), seed=7, name="mi-fisher")
-
-
-def test_record_of_an_episode_is_that_of_its_seed() -> None:
-    run = played()
+    run = run_episode(env, baselines.make("mi-fisher", env), seed=7, name="mi-fisher")
     samples, steps = len(run.times), len(run.actions)
     assert samples == steps + 1 == round(DURATION / 0.25) + 1
     assert run.times[-1] == pytest.approx(DURATION)
@@ -112,7 +105,6 @@ def test_record_of_an_episode_is_that_of_its_seed() -> None:
     np.testing.assert_allclose(np.linalg.norm(run.rotation_offset, axis=1), run.orientation_error, atol=1e-6)
     assert len(run.landmark_times) == run.landmarks_mapped.max()
     assert np.isfinite(run.landmark_errors).sum() == run.distinct_landmarks[-1]
-    assert_same_record(played().arrays(), run.arrays())
 
 
 def test_compare_writes_everything_and_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -137,35 +129,26 @@ def test_compare_writes_everything_and_resumes(tmp_path: Path, monkeypatch: pyte
 
 OWN = """
 import os, sys
-class Constant:
-    def __init__(self, answer):
-        self.answer = answer
-    def predict(self, observation, state=None, episode_start=None, deterministic=True):
-        return self.answer(), state
-def leaves(env): return Constant(lambda: sys.exit(0))
-def ends(env): return Constant(lambda: os._exit(0))
+class Ends:
+    def __init__(self, end):
+        self.end = end
+    def predict(self, *arguments, **named):
+        self.end(0)
+def leaves(env): return Ends(sys.exit)
+def ends(env): return Ends(os._exit)
 """
-
-
-@pytest.fixture
-def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    """The module of own policies."""
-    (tmp_path / "own_policies.py").write_text(OWN)
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.chdir(tmp_path)
-    return "own_policies"
 
 
 @pytest.mark.parametrize("how", ["leaves", "ends"])
 def test_a_policy_that_ends_the_process_is_a_failure_with_its_name(
-    how: str, own: str, capsys: pytest.CaptureFixture[str]
+    how: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    line = f"compare --policies {own}:{how} --episodes 1 --duration 1 --jobs 1 --no-figures --out out".split()
+    (tmp_path / "own_policies.py").write_text(OWN)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    line = f"compare --policies own_policies:{how} --episodes 1 --duration 1 --jobs 1 --no-figures --out out".split()
     assert main(line) == 2
-    assert f"{own}:{how}" in capsys.readouterr().err
-    task = Task(f"{own}:{how}", 5, json.dumps({"duration": 1.0}))
-    with pytest.raises((ValueError, ChildProcessError), match=f"{own}:{how}"):
-        list(tasks.results([task], Store()))
+    assert f"own_policies:{how}" in capsys.readouterr().err
 
 
 def test_a_model_of_stable_baselines_is_a_policy(tmp_path: Path) -> None:
@@ -183,8 +166,6 @@ def test_a_model_of_stable_baselines_is_a_policy(tmp_path: Path) -> None:
         contents = policies.content(str(path))
     sb3.DQN("MlpPolicy", env, seed=9, buffer_size=10).save(path)
     assert policies.content(str(path)) != contents
-    with pytest.raises(ValueError, match="it observes"):
-        policies.load(str(path), gym.make("ActiveSLAMDiscrete-v0", scenario="office"))
     path.write_bytes(path.read_bytes()[:-300])
     with pytest.raises(ValueError, match="model.zip"):
         policies.actions_of(str(path))
@@ -221,25 +202,6 @@ def test_workers_end_with_a_killed_parent(tmp_path: Path) -> None:
     until(lambda: all(gone(int(file.read_text())) for file in files))
 
 
-def test_an_interrupted_comparison_keeps_its_episodes_and_needs_no_matplotlib(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupted(group: tuple[Task, ...]) -> list[Any]:
-        if group[0].seed > 0:
-            raise KeyboardInterrupt
-        return [episode(group[0].policy, 0).arrays()]
-
-    monkeypatch.setattr("agents.compare.find_spec", lambda name: None)
-    monkeypatch.setattr(tasks, "play_tasks", interrupted)
-    summary = compare(Args(policies=("stay", "sweep"), episodes=5, seed=0, out=tmp_path, jobs=1))
-    assert summary is not None
-    assert summary.notes[-2:] == [
-        "Incomplete: 2 of 10 episodes.",
-        "No figures: matplotlib is not installed (pip install -e '.[plot]').",
-    ]
-    assert len((tmp_path / "episodes.csv").read_text().splitlines()) == 3 and not list(tmp_path.glob("*.png"))
-
-
 def test_the_bootstrap_of_an_interquartile_mean_holds_the_true_one_though_one_in_a_hundred_is_at_minus_6000() -> None:
     """That of a mean held it in two fifths of such samples of 50 episodes."""
     rng = np.random.default_rng(50)
@@ -249,13 +211,12 @@ def test_the_bootstrap_of_an_interquartile_mean_holds_the_true_one_though_one_in
     assert np.isnan(aggregate(samples[0], "mean").low)
 
 
-def test_figures_of_equal_missing_infinite_few_and_zero_values() -> None:
+def test_figures_of_equal_missing_infinite_and_zero_values() -> None:
     for statistic in ("median", "IQM"):
         assert aggregate([2.0] * 6, statistic) == Aggregate(2.0, 2.0, 2.0, 6, statistic)  # of no width
-        assert aggregate([2.0] * 5, statistic).text() == "2.0"
     assert aggregate([1.0, np.nan, 3.0], "mean").episodes == 2
-    assert aggregate([np.nan], "median").text() == "–"
-    assert aggregate([1.0, 2.0, 3.0, 4.0, np.inf, np.inf], "median").text() == "3.5 [1.0, inf]"
+    infinite = aggregate([1.0, 2.0, 3.0, 4.0, np.inf, np.inf], "median")
+    assert (infinite.value, infinite.low, infinite.high) == (3.5, 1.0, np.inf)
     none = aggregate(np.zeros(20), "share")
     assert none.value == none.low == 0.0 and 0.1 < none.high < 0.2
     assert paired_rmse([1.0, 3.0, np.nan], [2.0, np.nan, 5.0]) == (1.0, 2.0)  # of the landmarks that both mapped

@@ -52,16 +52,14 @@ def entered(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def edited(entered: Path, tmp_path: Path) -> Callable[[Callable[[dict[str, Any]], None]], Path]:
-    """Makes a copy of the entry, with a change."""
+def edited(entered: Path, tmp_path: Path) -> Callable[..., Path]:
+    """Makes a copy of the entry, with other values of some fields."""
 
-    def make(change: Callable[[dict[str, Any]], None]) -> Path:
-        given = json.loads(entered.read_text())
-        change(given)
-        shutil.copy(entered.parents[1] / "small.json", tmp_path)
+    def make(**changes: Any) -> Path:
         path = tmp_path / "stay" / "entry.json"
         path.parent.mkdir(exist_ok=True)
-        path.write_text(json.dumps(given))
+        shutil.copy(entered.parents[1] / "small.json", tmp_path)
+        path.write_text(json.dumps(json.loads(entered.read_text()) | changes))
         return path
 
     return make
@@ -84,19 +82,6 @@ def test_every_shipped_draw_is_of_a_commit_that_had_the_manifest() -> None:
         assert hashlib.sha256(then).hexdigest()[:16] == row["manifest"], row
 
 
-def test_a_bad_manifest_is_told(tmp_path: Path) -> None:
-    for changes, message in (
-        ({"behaviour": 1}, "of BEHAVIOUR 1"),
-        ({"scenarios": ["moon"]}, "moon"),
-        ({"more": 1}, "cannot be read"),
-        ({"episodes": "2"}, "episodes: 2"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            suite(str(written(tmp_path, **changes)))
-    with pytest.raises(ValueError, match="did you mean 'development'"):
-        suite("developmnt")
-
-
 def test_a_drawn_manifest_is_final(tmp_path: Path) -> None:
     path = written(tmp_path)
     digest = suite(str(path)).digest
@@ -105,6 +90,8 @@ def test_a_drawn_manifest_is_final(tmp_path: Path) -> None:
     written(tmp_path, episodes=3)
     with pytest.raises(ValueError, match="changed since its draw"):
         suite(str(path))
+    with pytest.raises(ValueError, match="of BEHAVIOUR 1"):
+        suite(str(written(tmp_path, behaviour=1)))
 
 
 def test_an_entry_is_verified(entered: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -152,66 +139,28 @@ def test_a_learners_training_seeds_are_verified_with_their_weights(
 
 
 def test_edited_scores_and_hashes_are_found(
-    edited: Callable[[Callable[[dict[str, Any]], None]], Path], capsys: pytest.CaptureFixture[str]
+    entered: Path, edited: Callable[..., Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def score(given: dict[str, Any]) -> None:
-        given["scores"]["paper"][0][1] += 0.01
-
-    def lost(given: dict[str, Any]) -> None:
-        given["lost"]["paper"][0][0] = 1
-
-    def hashes(given: dict[str, Any]) -> None:
-        given["contents"] = ["0"]
-
-    def manifests(given: dict[str, Any]) -> None:
-        given["manifest"] = "0"
-
-    changes = ((score, "episode 1"), (lost, "episode 0"), (hashes, "contents: ("), (manifests, "nothing was"))
-    for change, message in changes:
-        assert verify(edited(change)) == 1
+    first, second = entries.read(entered).scores["paper"][0]
+    for changes, message in (
+        ({"scores": {"paper": [[first, second + 0.01]]}}, "episode 1"),
+        ({"lost": {"paper": [[1, 0]]}}, "episode 0"),
+        ({"contents": ["0"]}, "contents: ("),
+        ({"manifest": "0"}, "nothing was"),
+    ):
+        assert verify(edited(**changes)) == 1
         assert message in capsys.readouterr().out
 
 
-BAD_VALUES: dict[str, Any] = {
-    "name": "a|b",
-    "policies": ["stay", "orbit"],
-    "training": [{}],
-    "scores": {"paper": [[1.0, float("nan")]]},
-    "lost": {"paper": [[0, 2]]},
-}
-
-
-@pytest.mark.parametrize("field", BAD_VALUES)
+@pytest.mark.parametrize(("field", "value"), [("name", "a|b"), ("scores", {"paper": [[1.0, float("nan")]]})])
 def test_a_damaged_entry_is_told_with_its_file(
-    field: str, edited: Callable[[Callable[[dict[str, Any]], None]], Path], capsys: pytest.CaptureFixture[str]
+    field: str, value: Any, edited: Callable[..., Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert field in said_of(edited(lambda given: given.update({field: BAD_VALUES[field]})), capsys)
-    assert f"unknown: {field}" in said_of(edited(lambda given: given.pop(field)), capsys)
-
-
-def test_bad_arguments_are_told(capsys: pytest.CaptureFixture[str]) -> None:
-    for arguments, message in (
-        ("--name .. --policies stay", "letters"),
-        ("--name a", "policies: none given"),
-        ("--name a --policies stay sweep", "allowed: one"),
-        ("--name a --policies ppo ppo", "two are the same"),
-        ("--name a --policies stay --episodes 201", "allowed: 1 to 200"),
-    ):
-        try:
-            status = main(["enter", *arguments.split()])
-        except SystemExit as exit:  # from the parsing
-            status = exit.code
-        assert status == 2 and message in capsys.readouterr().err
-
-
-def said_of(entry: Path, capsys: pytest.CaptureFixture[str]) -> str:
-    """What `verify` and `leaderboard` say of a damaged entry, a line each."""
-    assert verify(entry) == 2
+    entry = edited(**{field: value})
     of = ["--suite", str(entry.parents[1] / "small.json"), "--entries", str(entry.parents[1])]
-    assert main(["leaderboard", *of]) == 2
+    assert verify(entry) == main(["leaderboard", *of]) == 2
     said = capsys.readouterr().err
-    assert said.count("\n") == 2 and said.count(str(entry)) >= 2 and len(said) < 1200, said
-    return said
+    assert said.count("\n") == 2 and said.count(str(entry)) >= 2 and said.count(field) >= 2, said
 
 
 FOREIGN = """
@@ -265,14 +214,11 @@ def test_the_board_of_made_up_scores(tmp_path: Path, monkeypatch: pytest.MonkeyP
     rows = {row[0]: row[1:] for row in whole.rows}
     assert [row[0] for row in whole.rows] == ["sure", "mine", "sweep", "stay"]
     assert {row[1] for row in each.rows} == {"sweep"} and {row[3] for row in each.rows} == {"sure"}
-    assert rows["sweep"][1:] == ["1.00 [1.00, 1.00]", "50 [50, 50]", "none", ""]  # ties are halves
-    assert rows["mine"][1].startswith("1.50 [1.4") and rows["mine"][2] == "100 [100, 100]"
+    assert rows["sweep"][1] == "1.00 [1.00, 1.00]"  # ties are halves
     assert rows["mine"][0] == "0.0 [0.0, 2.3]"  # none of 160 failed, whatever the number of training seeds
-    assert rows["sure"][0].startswith("25.0 [") and rows["sure"][2].startswith("75 [")
-    assert each.rows[0][2] == "100 [100, 100]" and each.rows[0][4].startswith("400 [")
     first = [one.scenarios[of.scenarios[0]] for one in results]
-    assert [one.lead.text(digits=0) for one in first][2:] == ["0 [0, 0]", "-50 [-50, -50]"]
-    assert first[1].lead.text(digits=0).startswith("50 [4") and [one.failures for one in first] == [0.25, 0.0, 0.0, 0.0]
+    assert [one.failures for one in first] == [0.25, 0.0, 0.0, 0.0]
+    assert [first[k].lead.value for k in (2, 3)] == [0.0, -50.0]
     kept = leaderboard.rows_of(results)
     assert len(kept) == 4 * len(of.scenarios)
     assert (kept[0]["entry"], kept[0]["log_score"], kept[0]["failures"]) == ("sure", 400.0, 0.25)
@@ -280,12 +226,10 @@ def test_the_board_of_made_up_scores(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert (tmp_path / "board.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_entries_that_cannot_be_compared_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(leaderboard, "RESAMPLES", 10)
+def test_entries_that_cannot_be_compared_are_refused() -> None:
     loop = of_scores("stay", [[50.0, 60.0]])
     for others, message in (
         ([of_scores("mine", [[1.0, 2.0]])], "none of an open loop"),
-        ([of_scores("stay", [[-1.0, -2.0]])], "gains anything"),
         ([loop, of_scores("mine", [[1.0]])], "the same of all"),
         ([loop, of_scores("mine", [[1.0, 2.0]], manifest="0")], "another manifest"),
     ):

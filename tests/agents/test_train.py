@@ -39,9 +39,9 @@ SMALL |= {"duration": 5.0, "decision_period": 0.25, "warm_start": 0.0}
 LEFT = {"policy.npz", "policy.json", CHECKPOINT}
 
 
-def acts(env: gym.Env, policy: Any) -> np.ndarray:
+def acts(env: gym.Env, weights: Path) -> np.ndarray:
     """What a policy does at the start of a room, which the environment takes."""
-    action, _ = policy.predict(env.reset(seed=0)[0])
+    action, _ = agents.load(str(weights), env).predict(env.reset(seed=0)[0])
     assert env.action_space.contains(action)
     return action
 
@@ -98,15 +98,12 @@ def test_the_same_seed_trains_the_same_weights(tmp_path: Path) -> None:
 
 
 def test_a_learned_policy_acts_in_single_batch_discrete_and_larger_environments(trained: Path) -> None:
-    env = gym.make("ActiveSLAM-v0")
-    action = acts(env, agents.load(str(trained / "policy.npz"), env))
-    np.testing.assert_array_equal(acts(env, policies.load(trained / "policy.npz", env)), action)
-    envs = gym.make_vec("ActiveSLAM-v0", num_envs=3)
-    np.testing.assert_array_equal(acts(envs, agents.load(str(trained / "policy.npz"), envs))[0], action)
-    one = gym.make("ActiveSLAMDiscrete-v0")
-    assert acts(one, agents.load(str(trained / "policy.npz"), one)) == 3 * action[0] + action[1]
-    larger = gym.make("ActiveSLAM-v0", scenario={"landmark_count": 60}, gaze_period=0.25)
-    acts(larger, agents.load(str(trained / "policy.npz"), larger))
+    weights = trained / "policy.npz"
+    action = acts(gym.make("ActiveSLAM-v0"), weights)
+    np.testing.assert_array_equal(acts(gym.make_vec("ActiveSLAM-v0", num_envs=3), weights)[0], action)
+    assert acts(gym.make("ActiveSLAMDiscrete-v0"), weights) == 3 * action[0] + action[1]
+    for scenario in ({"landmark_count": 60}, "office"):
+        acts(gym.make("ActiveSLAM-v0", scenario=scenario, gaze_period=0.25), weights)
 
 
 def test_it_holds_its_action_between_its_decisions(trained: Path) -> None:
@@ -127,43 +124,11 @@ def test_a_scenario_of_images_is_trained_in_without_images(scenario: str, sensor
     assert env.unwrapped.scenario.name == scenario
 
 
-@pytest.mark.parametrize(("algorithm", "scenario"), [("ppo", "paper"), ("a2c", "sprint")])
-def test_training_begins_near_the_action_that_the_best_sequence_holds_longest(algorithm: Any, scenario: str) -> None:
-    recipe = Recipe(algorithm=algorithm, scenario=scenario, num_envs=2, warm_start=0.7)
-    env = learners.make_training(recipe)
-    policy = learners.make_learner(recipe, env, None).policy
-    drawn = policy.get_distribution(torch.as_tensor(env.reset())).distribution
-    longest = {"paper": (Motion.LEFT, Gaze.RIGHT), "sprint": (Motion.RIGHT, Gaze.LEFT)}[scenario]
-    for part, held in zip(drawn, longest):
-        others = (1.0 - 0.7) / (part.probs.shape[1] - 1)
-        expected = np.where(np.arange(part.probs.shape[1]) == held, 0.7, others)
-        np.testing.assert_allclose(part.probs.detach().numpy(), np.tile(expected, (2, 1)), atol=0.03)
-    env.close()
-
-
-def test_a_policy_of_one_scenario_acts_in_another_whether_there_are_range_finders_or_not(
-    trained: Path, tmp_path: Path
-) -> None:
-    furnished = gym.make("ActiveSLAM-v0", scenario="office", gaze_period=0.25)
-    plain = gym.make("ActiveSLAM-v0")
-    acts(furnished, agents.load(str(trained / "policy.npz"), furnished))
-    train(Args(out=tmp_path, total_steps=40, scenario="office", **SMALL))
-    assert json.loads((tmp_path / "policy.json").read_text())["scenario"] == "office"
-    observation = furnished.reset(seed=3)[0]
-    far = activeslam_gym.observation_layout(furnished).global_slices["clearance"]
-    assert far.stop == activeslam_gym.observation_layout(furnished).tokens.start  # behind all others
-    observation[far] = 1.0  # nothing within reach
-    here, there = agents.load(str(tmp_path / "policy.npz"), furnished), agents.load(str(tmp_path / "policy.npz"), plain)
-    without = np.delete(observation, np.arange(far.start, far.stop))
-    np.testing.assert_array_equal(here.predict(observation)[0], there.predict(without)[0])
-
-
 @pytest.mark.parametrize("algorithm", ["dqn", "a2c", "sac"])
 def test_every_algorithm_has_its_actions_and_acts_on_all(tmp_path: Path, algorithm: Any) -> None:
     train(Args(out=tmp_path, algorithm=algorithm, total_steps=40, **SMALL))
     for name in ("ActiveSLAM", "ActiveSLAMDiscrete", "ActiveSLAMContinuous"):
-        env = gym.make(f"{name}-v0")
-        acts(env, agents.load(str(tmp_path / "policy.npz"), env))
+        acts(gym.make(f"{name}-v0"), tmp_path / "policy.npz")
     assert task.run_policy(str(tmp_path / "policy.npz"), task.make_environment({"duration": 1.0}), [3])[0].seed == 3
     points = policies.actions_of(str(tmp_path / "policy.npz")) == "Continuous"
     assert points == (algorithm == "sac") and not policies.actions_of("ppo") and not policies.actions_of("stay")
@@ -222,16 +187,6 @@ def test_a_foreign_checkpoint_runs_no_code(trained: Path, tmp_path: Path) -> Non
 
 def test_weights_that_are_no_numbers_are_neither_kept_nor_used(trained: Path, tmp_path: Path) -> None:
     env, card, diverged = gym.make("ActiveSLAM-v0"), read_card(trained / "policy.npz"), "diverged"
-    shutil.copy(trained / "policy.npz", tmp_path / "bad.npz")
-    bad = {
-        "algorithm": ("td3", "'td3'; allowed"),
-        "width": (None, "width"),
-        "decision_period": ("often", "decision_period"),
-    }
-    for name, (value, said) in bad.items():
-        (tmp_path / "bad.json").write_text(json.dumps(card | {name: value}))
-        with pytest.raises(ValueError, match=said):
-            agents.load(str(tmp_path / "bad.npz"), env)
     learner = PPO.load(trained / CHECKPOINT)
     with torch.no_grad():
         next(learner.policy.parameters())[:] = np.nan
@@ -245,12 +200,6 @@ def test_weights_that_are_no_numbers_are_neither_kept_nor_used(trained: Path, tm
         agents.load(str(tmp_path / "bad.npz"), env)
 
 
-def test_an_update_follows_as_many_decisions_in_a_long_episode_as_in_a_short_one() -> None:
-    """With 128 environments; few environments play whole episodes."""
-    assert [Recipe(scenario=name, num_envs=128).rollout_steps for name in ("office", "clusters", "rooms")] == [8, 8, 8]
-    assert Recipe(scenario="rooms", num_envs=4).rollout_steps == 90 and Recipe(num_envs=4096).rollout_steps == 1
-
-
 def test_a_recipe_is_arguments_by_name_which_later_ones_replace(tmp_path: Path) -> None:
     pytest.importorskip("tensorboard")
     small = "--scenario=sprint --num-envs=2 --duration=2 --total-steps=8 --validation-episodes=1 --test-episodes=0"
@@ -258,9 +207,6 @@ def test_a_recipe_is_arguments_by_name_which_later_ones_replace(tmp_path: Path) 
     arguments = json.loads((tmp_path / "arguments.json").read_text(encoding="utf-8"))
     named = {"num_envs": 2, "width": 256, "reward": "log_score", "entropy_bonus": 0.01, "total_steps": 8}
     assert named.items() <= arguments.items()
-
-
-# Several scenarios: context, common layout, batch of batches, initial weights -----------------------------------------
 
 
 SHORT: dict[str, Any] = {"duration": 2.0, "num_envs": 2, "width": 16, "warm_start": 0.0}
@@ -382,16 +328,12 @@ def test_training_goes_on_from_weights_of_several_scenarios(tmp_path: Path) -> N
     args = Args(
         out=tmp_path, scenario="sprint", initial="generalist", learning_rate=1e-12, total_steps=8, **(SHORT | small)
     )
-    with pytest.raises(ValueError, match="device: 'abacus'; allowed on this machine: cpu"):
-        train(replace(args, device="abacus"))
-    with pytest.raises(ValueError, match="initial: 'ppo' is of ppo in paper; allowed: ppo in several scenarios"):
-        train(replace(args, initial="ppo"))
-    with pytest.raises(ValueError, match="initial: 'nobody'; allowed: generalist"):
-        train(replace(args, initial="nobody"))
-    with pytest.raises(ValueError, match="allowed: ppo or a2c"):
-        train(replace(args, algorithm="dqn"))
-    with pytest.raises(ValueError, match="nowhere"):
-        Recipe(scenario="sprint+nowhere").check()
+    for wrong, said in (
+        (replace(args, initial="ppo"), "initial: 'ppo' is of ppo in paper"),
+        (replace(args, algorithm="dqn"), "allowed: ppo or a2c"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            train(wrong)
     assert train(args)
     own, shipped = (read(name)[0] for name in (str(tmp_path / "policy.npz"), "generalist"))
     for name, values in shipped.items():

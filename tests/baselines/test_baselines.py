@@ -27,10 +27,10 @@ STEPS = 5
 
 
 class ScoredEnv:
-    """Scores by criterion, and a clock; counts how often each score was asked for. `leading` is (B,) for a batch."""
+    """Scores by criterion, and a clock; `calls` has what was scored. `leading` is (B,) for a batch."""
 
     def __init__(self, leading: tuple[int, ...] = (), amortised: bool = False, steps_per_motion: int = STEPS) -> None:
-        self.unwrapped, self.leading = self, leading
+        self.unwrapped = self
         self.action_space: gym.Space = gym.spaces.MultiDiscrete([7, 3])
         self.scenario = SimpleNamespace(
             motion_criterion="mutual_information", amortised_decision=amortised, frame_time=0.05
@@ -41,16 +41,12 @@ class ScoredEnv:
         criteria = ("mutual_information", "fisher_trace")
         self.motion, self.gaze = ({name: np.zeros((*leading, n)) for name in criteria} for n in (7, 3))
         self.joint, self.step_index = np.zeros((*leading, 7, 3)), np.zeros(leading, dtype=int)
-        self.gaze_scores = self.gaze.__getitem__
+        self.gaze_scores, self.joint_scores = self.gaze.__getitem__, lambda criterion: self.joint
+        self.lookahead_scores = lambda horizon: self.motion_scores("mutual_information")
         self.calls: list[Any] = []
 
-    @property
-    def motion_phase(self) -> Any:
-        return self.step_index % self.steps_per_motion
-
-    @property
-    def time(self) -> Any:
-        return self.step_index * (self.motion_period / self.steps_per_motion)
+    motion_phase = property(lambda self: self.step_index % self.steps_per_motion)
+    time = property(lambda self: self.step_index * (self.motion_period / self.steps_per_motion))
 
     def motion_scores(self, criterion: str) -> np.ndarray:
         self.calls.append("all")
@@ -60,12 +56,6 @@ class ScoredEnv:
         motions = plans["motion"][:, 0]
         self.calls.extend(motions)
         return self.motion[criterion][..., motions]
-
-    def joint_scores(self, criterion: str) -> np.ndarray:
-        return self.joint
-
-    def lookahead_scores(self, horizon: int) -> np.ndarray:
-        return self.motion_scores("mutual_information")
 
 
 def act(policy: Any, observation: np.ndarray = OBSERVATION) -> Any:
@@ -146,34 +136,15 @@ def test_held_information_takes_the_least_uncertain_plan_where_none_is_safe() ->
 
 
 def test_motion_is_chosen_once_a_period_and_held_in_each_environment_of_a_batch() -> None:
-    env = ScoredEnv()
-    policy = baselines.make("mi-mi", env)
-    env.motion["mutual_information"][Motion.UP] = 1.0
-    actions = []
-    for step in range(2 * STEPS):
-        env.step_index = np.array(step)
-        actions.append(int(act(policy)[0]))
-        if step == 1:
-            env.motion["mutual_information"][Motion.DOWN] = 2.0
-    assert actions == [Motion.UP] * STEPS + [Motion.DOWN] * STEPS
-    assert env.calls == ["all", "all"]
     env = ScoredEnv((2,))
-    policy = baselines.make("mi-mi", env)
+    policy, actions = baselines.make("mi-mi", env), []
     env.motion["mutual_information"][:, Motion.UP] = 1.0
-    act(policy, np.zeros((2, 4)))
-    env.step_index = np.array([2, STEPS])
-    env.motion["mutual_information"][:, Motion.DOWN] = 2.0
-    assert act(policy, np.zeros((2, 4)))[:, 0].tolist() == [Motion.UP, Motion.DOWN]
-
-
-def test_joint_decision_takes_the_motion_of_the_best_pair_and_each_steps_best_gaze() -> None:
-    env = ScoredEnv()
-    policy = baselines.make("joint-mi", env)
-    env.joint[[Motion.FORWARD, Motion.STAY], Gaze.LEFT] = 1.0
-    assert act(policy).tolist() == [Motion.STAY, Gaze.STAY]
-    env.step_index, env.joint[Motion.UP, Gaze.RIGHT] = np.array(1), 2.0
-    env.gaze["mutual_information"][Gaze.RIGHT] = 1.0
-    assert act(policy).tolist() == [Motion.STAY, Gaze.RIGHT]
+    for step in range(STEPS):
+        env.step_index = np.array([step, step + 2 * (step > 0)])
+        actions.append(act(policy, np.zeros((2, 4)))[:, 0].tolist())
+        env.motion["mutual_information"][:, Motion.DOWN] = 2.0
+    assert actions == [[Motion.UP, Motion.UP]] * 3 + [[Motion.UP, Motion.DOWN]] * 2
+    assert env.calls == ["all"] * 2
 
 
 def test_sweep_strafes_in_turn_and_random_uses_every_action() -> None:
@@ -186,9 +157,8 @@ def test_sweep_strafes_in_turn_and_random_uses_every_action() -> None:
         return made
 
     assert [motion for motion, _ in actions("sweep", 4)] == [Motion.RIGHT, Motion.LEFT] * 2
-    assert set(actions("orbit", 4)) == {(Motion.RIGHT, Gaze.LEFT)}
-    assert actions("random", 300, seed=3) == actions("random", 300, seed=3) != actions("random", 300, seed=4)
-    assert len(set(actions("random", 300, seed=3))) == 21
+    drawn = actions("random", 300, seed=3)
+    assert drawn == actions("random", 300, seed=3) != actions("random", 300, seed=4) and len(set(drawn)) == 21
 
 
 @pytest.mark.parametrize("steps", [1, 5, 15])
@@ -208,9 +178,6 @@ def test_amortised_decision_scores_every_motion_once_a_period(steps: int) -> Non
     assert env.calls[1:] == (list(Motion) if steps > 1 else ["all"])
     env.step_index, env.motion["mutual_information"][Motion.DOWN] = np.array(0), 3.0
     assert act(policy)[0] == Motion.DOWN  # afresh after a reset
-
-
-# Open loops: how they are chosen, what they play, and the shipped tables of the choices -------------------------------
 
 
 BACK_THEN_ORBIT = Sequence(((int(Motion.BACKWARDS), int(Gaze.STAY)), (int(Motion.RIGHT), int(Gaze.LEFT))), (0.54, 1.0))
@@ -264,12 +231,7 @@ def test_the_command_regenerates_the_named_ones_and_keeps_the_others(
         written = json.loads(path.read_text(encoding="utf-8"))
         assert written == {"kept": {"scenario": "hall"}, key_of(bare()): made}
     assert table.main(["nowhere"]) == 2
-    messages = capsys.readouterr().err
-    assert all(name in messages for name in ("nowhere", *SCENARIOS))
-    paths[0].unlink()
-    paths[0].mkdir()
-    assert table.main(["paper"]) == 2
-    assert capsys.readouterr().err.startswith("python -m baselines: [Errno 21]")
+    assert "nowhere" in capsys.readouterr().err
 
 
 def test_the_policy_plays_the_sequence() -> None:
@@ -290,16 +252,3 @@ def test_the_search_finds_what_is_better_than_every_constant(monkeypatch: pytest
     found = sequence_from(choose_sequence(Scenario(), (1.0, 1.0, 35.0)))
     held = [constant(action).plan(35) for action in BACK_THEN_ORBIT.actions]
     assert (found.plan(35) == wanted).mean() > 0.9 > max((plan == wanted).mean() for plan in held)
-
-
-def test_every_constant_is_among_the_finalists_though_the_first_rooms_speak_against_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    held = constant((int(Motion.UP), int(Gaze.LEFT)))
-
-    def worths(pool: list[Sequence], scenario: Scenario, seeds: range, **_: Any) -> np.ndarray:
-        last = len(seeds) == sequences.LAST_ROOMS
-        return np.repeat([[1.0 if (one == held) is last else 0.0] for one in pool], len(seeds), axis=1)
-
-    monkeypatch.setattr(sequences, "log_scores", worths)
-    assert sequence_from(choose_sequence(Scenario(), (1.0, 1.0, 35.0))) == held

@@ -43,7 +43,6 @@ def test_every_field_has_a_bound_and_says_it_of_a_number_beyond_any_float_too() 
 OUT_OF_BOUNDS: tuple[tuple[str, str, tuple[Any, ...]], ...] = (
     ("pixel_std", "a positive number", (0.0, -1.0, float("nan"), float("inf"), True, "2", None)),
     ("landmark_count", "a whole number", (2.5, 27.0, True, np.float64(27.0))),
-    ("landmark_count", "a positive number", (0, -3)),
     ("filter_acceleration_std", "a positive number or None", (0.0, -1.0, False)),
     ("boxes", "boxes ((x, y, z), (x, y, z)), the lowest and the highest corner of each", NO_BOXES),
     ("box_count", "two whole numbers from 0 to 100, in no decreasing order", ((3, 2), (0, 1.5), (-1, 1), 3, (1,))),
@@ -52,14 +51,12 @@ OUT_OF_BOUNDS: tuple[tuple[str, str, tuple[Any, ...]], ...] = (
     ("boxes_known", "True or False", (0, 1, None, "no")),
     ("room_size", "3 positive numbers", (6.0, (6.0, 2.0), (6.0, 2.0, 0.0), [6.0, 2.0, "6"], np.ones(2))),
     ("particle_depth", "in increasing order", ((9.0, 0.3), (1.0, 1.0))),
-    ("initialisation", "one of depth_particles, inverse_depth", ("guess", 1, ["inverse_depth"])),
     ("goal_margin", "less than half of the smallest side", (1.0, 5.0)),
     ("wall_margin", "at most goal_margin", (0.5,)),
     ("point_spacing", "at most 1.03: its points must fit", (1.1, 5)),
     ("rate_loop_time", "over 0.025 s, half of frame_time, to be stable", (0.001,)),
     ("controller_frequency", "under 16.6 rad/s, 0.83 / frame_time: a faster controller is unstable", (50,)),
-    *((name, "of a size from 1e-12 to 1e12", (1e300, 1e-300)) for name in ("pixel_std", "principal_x_px")),
-    ("clutter_rate", "at most 200", (800,)),
+    ("principal_x_px", "of a size from 1e-12 to 1e12", (1e300, 1e-300)),
 )
 
 
@@ -93,21 +90,18 @@ def test_json_and_numpy_hand_back_the_same_scenario() -> None:
         assert types_of(tuple(asdict(given).values())) == types_of(tuple(fields.values()))
 
 
-@pytest.mark.parametrize(
-    ("scenario", "times", "gaze_period"),
-    [
-        ("paper", {}, 0.25),
-        ("hand-held", {}, 0.2),
-        ("paper-literal", {}, 0.05),
-        ({"frame_time": 1 / 30}, {}, 0.2),
-        ({"frame_time": 1 / 29}, {}, 1 / 29),
-        ({"frame_time": 0.5, "controller_frequency": 1.0, "rate_loop_time": 0.5}, {}, 0.5),
-        ({"gaze_period": 0.12}, {}, 0.1),
-        ("paper", {"motion_period": 0.15}, 0.05),
-        ("paper", {"duration": 3.4}, 0.2),
-        ("paper", {"duration": 0.1}, 0.1),
-    ],
+STEPS: tuple[tuple[Any, dict[str, float], float], ...] = (
+    ("hand-held", {}, 0.2),
+    ("paper-literal", {}, 0.05),
+    ({"frame_time": 1 / 29}, {}, 1 / 29),
+    ({"gaze_period": 0.12}, {}, 0.1),
+    ("paper", {"motion_period": 0.15}, 0.05),
+    ("paper", {"duration": 3.4}, 0.2),
 )
+"""Scenario, arguments of the environment, and the step that follows [s]."""
+
+
+@pytest.mark.parametrize(("scenario", "times", "gaze_period"), STEPS)
 def test_a_step_is_the_longest_within_the_scenarios_that_divides_motion_and_episode(
     scenario: Any, times: dict[str, float], gaze_period: float
 ) -> None:

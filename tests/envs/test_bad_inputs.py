@@ -4,7 +4,6 @@ import copy
 import itertools
 import threading
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import gymnasium
@@ -50,66 +49,54 @@ def batch() -> ActiveSLAMVectorEnv:
     return out
 
 
-def refuses(named: str, call: Callable[[], Any], *kinds: type[Exception]) -> str:
-    """What is said of a call that fails, and names this."""
-    with pytest.raises(kinds or ValueError) as error:
-        call()
-    assert named in str(error.value), f"{error.value!r} does not name {named}"
-    return str(error.value)
+def refuses(argument: str, call: Callable[..., Any], *values: Any, **named: Any) -> None:
+    """A call fails, and names the argument."""
+    with pytest.raises(ValueError) as error:
+        call(*values, **named)
+    assert argument in str(error.value), f"{error.value!r} does not name {argument}"
 
 
-@pytest.mark.parametrize("argument", BAD_VALUES)
-def test_a_constructor_names_the_argument_and_what_is_allowed(argument: str) -> None:
-    for value in BAD_VALUES[argument]:
-        for make in (ActiveSLAMEnv, partial(ActiveSLAMVectorEnv, 2)):
-            told = refuses(argument, partial(make, **{argument: value}))
-            assert " must be " in told or " has no field " in told
-
-
-@pytest.mark.parametrize("argument", BAD_VECTOR_VALUES)
-def test_a_batch_names_the_argument(argument: str) -> None:
-    for value in BAD_VECTOR_VALUES[argument]:
-        refuses(argument, lambda value=value: ActiveSLAMVectorEnv(**{"num_envs": 2, argument: value}))
-
-
-def test_a_switch_of_numpy_is_a_switch() -> None:
-    assert not ActiveSLAMEnv(end_when_lost=np.False_)._end_when_lost
-    refuses("end_when_lost", lambda: ActiveSLAMEnv(end_when_lost=np.int64(0)))
+@pytest.mark.parametrize("argument", [*BAD_VALUES, *BAD_VECTOR_VALUES])
+def test_a_constructor_names_the_argument(argument: str) -> None:
+    for value in (BAD_VALUES | BAD_VECTOR_VALUES)[argument]:
+        refuses(argument, ActiveSLAMVectorEnv, **{"num_envs": 2, argument: value})
+        if argument in BAD_VALUES:
+            refuses(argument, ActiveSLAMEnv, **{argument: value})
 
 
 def test_actions_seeds_and_options_are_named(env: ActiveSLAMEnv, batch: ActiveSLAMVectorEnv) -> None:
     twin = copy.deepcopy(batch)
     for action in BAD_ACTIONS:
-        refuses("action", lambda action=action: env.step(action))
-        refuses("action", lambda action=action: batch.step(action))
-        refuses("action", lambda action=action: batch.step([action, action]))
-    refuses("actions[1]", lambda: batch.step([[0, 0], [7, 0]]))
+        refuses("action", env.step, action)
+        refuses("action", batch.step, action)
+        refuses("action", batch.step, [action, action])
+    refuses("actions[1]", batch.step, [[0, 0], [7, 0]])
     np.testing.assert_array_equal(batch.step([[0, 0], [1, 1]])[0], twin.step([[0, 0], [1, 1]])[0])
     for seed in BAD_SEEDS:
-        refuses("seed", lambda seed=seed: env.reset(seed=seed))
-        refuses("seed", lambda seed=seed: batch.reset(seed=seed))
-        refuses("seed", lambda seed=seed: batch.reset(seed=[0, seed]))
-    refuses("seed", lambda: batch.reset(seed=[1, 2, 3]))
+        refuses("seed", env.reset, seed=seed)
+        refuses("seed", batch.reset, seed=seed)
+        refuses("seed", batch.reset, seed=[0, seed])
+    refuses("seed", batch.reset, seed=[1, 2, 3])
     for options in (5, [], "a", True):
-        refuses("options", lambda options=options: env.reset(options=options))
-        refuses("options", lambda options=options: batch.reset(options=options))
+        refuses("options", env.reset, options=options)
+        refuses("options", batch.reset, options=options)
     for mask in (5, [True, False], np.array([1, 0]), np.zeros(2, bool), np.ones(1, bool), np.ones((2, 1), bool), None):
-        refuses("reset_mask", lambda mask=mask: batch.reset(options={"reset_mask": mask}))
+        refuses("reset_mask", batch.reset, options={"reset_mask": mask})
 
 
 def test_scores_policies_and_layouts_are_named(env: ActiveSLAMEnv, batch: ActiveSLAMVectorEnv) -> None:
     for core, criterion in itertools.product((env, batch), (5, None, [], {}, "bogus", object(), b"x", ("a",))):
         for scores in (core.motion_scores, core.gaze_scores, core.joint_scores):
-            refuses("criterion", lambda scores=scores, criterion=criterion: scores(criterion))
+            refuses("criterion", scores, criterion)
     for plans in (None, 5, [], np.zeros(3), np.zeros((2, 2)), "a"):
-        refuses("plans", lambda plans=plans: env.scores(plans))
-    foreign = gymnasium.make("CartPole-v1")
-    for other in (foreign, None, 5, "ActiveSLAM-v0", gymnasium.make_vec("CartPole-v1", num_envs=1)):
+        refuses("plans", env.scores, plans)
+    foreign = gymnasium.make("CartPole-v1"), gymnasium.make_vec("CartPole-v1", num_envs=1)
+    for other in (*foreign, None, 5, "ActiveSLAM-v0"):
         for name in baselines.names():
-            refuses("env", lambda other=other, name=name: baselines.make(name, other))
-        refuses("env", lambda other=other: observation_layout(other))
+            refuses("env", baselines.make, name, other)
+        refuses("env", observation_layout, other)
     for name in ("bogus", None, 5, ""):
-        refuses("name", lambda name=name: baselines.make(name, env))
+        refuses("name", baselines.make, name, env)
 
 
 @pytest.mark.parametrize(

@@ -58,63 +58,6 @@ def test_a_match_is_the_pixel_of_its_corner_and_its_noise(flown: Any) -> None:
     assert abs(mean - 2.0) < 5.0 * 2.0 / np.sqrt(n)  # chi^2 of two degrees of freedom has a variance of 4
 
 
-def test_a_feature_is_matched_until_its_view_has_changed_too_much() -> None:
-    env = gym.make("ActiveSLAM-v0", scenario=GALLERY, gaze_period=0.05)
-    env.reset(seed=SEED)
-    for _ in range(10):
-        env.step([6, 2])
-    run, corners = env.unwrapped._run, env.unwrapped._perceptions[0].corners
-    matched = set(run.detections["match"][: int(run.episode.detection_count)].tolist())
-    entry = next(entry for entry in corners.memory if entry["id"] in matched)
-    way = run.world.state.camera[:3] - corners.points[entry["corner"]]
-    for share, found in ((np.exp(SIGHTED.most_change - 0.1), True), (np.exp(SIGHTED.most_change + 0.1), False)):
-        entry["first_seen"] = corners.points[entry["corner"]] + share * way
-        env.step([6, 2])
-        assert (entry["id"] in run.detections["match"][: int(run.episode.detection_count)]) == found
-
-
-def test_new_features_are_added_while_few_are_in_view() -> None:
-    env = gym.make("ActiveSLAM-v0", scenario=GALLERY, gaze_period=0.05)
-    env.reset(seed=SEED)
-    run, initialised = env.unwrapped._run, []
-    for action in np.repeat(ACTIONS, 5, axis=0):
-        info = env.step(action)[-1]
-        found = run.detections["id"][: int(run.episode.detection_count)]
-        initialised.append((np.sum(found == 0), info["events"]["initialised"], np.sum(found != 0)))
-        assert info["events"]["wrong_matches"] == 0
-    born, counted, matched = np.array(initialised).T
-    np.testing.assert_array_equal(born, counted)
-    assert born.max() == SIGHTED.initialised
-    assert not born[matched >= SIGHTED.visible].any()
-
-
-def test_a_batch_does_what_each_does_alone() -> None:
-    batch = gym.make_vec("ActiveSLAM-v0", 2, "vector_entry_point", scenario=GALLERY, gaze_period=0.25)
-    seen, _ = batch.reset(seed=[SEED, SEED + 1])
-    rows = [seen, *(batch.step(np.tile(action, (2, 1)))[0] for action in ACTIONS[:6])]
-    for i in range(2):
-        env = gym.make("ActiveSLAM-v0", scenario=GALLERY, gaze_period=0.25)
-        alone = [env.reset(seed=SEED + i)[0], *(env.step(action)[0] for action in ACTIONS[:6])]
-        np.testing.assert_array_equal(np.array(alone), np.array([row[i] for row in rows]))
-
-
-def test_new_features_are_corners_at_their_distance() -> None:
-    env = gym.make("ActiveSLAM-v0", scenario=GALLERY, gaze_period=0.05)
-    env.reset(seed=SEED)
-    run, corners, known, born = env.unwrapped._run, env.unwrapped._perceptions[0].corners, set(), 0
-    for action in np.repeat(ACTIONS, 5, axis=0):
-        env.step(action)
-        for entry in corners.memory[corners.memory["id"] > 0]:
-            if int(entry["id"]) not in known:
-                known.add(int(entry["id"]))
-                nearest, farthest = corners.reach[entry["corner"]]
-                distance = np.linalg.norm(run.world.state.camera[:3] - corners.points[entry["corner"]])
-                assert nearest <= distance < farthest
-                born += np.isfinite(farthest)  # of a texture, not of a rectangle
-    assert len(known) > 10
-    assert born > 3
-
-
 def test_the_target_is_found_with_a_bias_until_it_is_drawn_again() -> None:
     env = gym.make("ActiveSLAM-v0", scenario=GALLERY, gaze_period=0.05)
     env.reset(seed=SEED)
@@ -135,21 +78,3 @@ def test_the_target_is_found_with_a_bias_until_it_is_drawn_again() -> None:
     share = np.sum(biases * np.concatenate(list(errors.values()))) / np.sum(biases**2)
     assert abs(share - 1.0) < 5.0 * 0.05 / np.sqrt(np.sum(biases**2)) < 0.8  # the noise is 0.05 px
     assert np.std([np.frombuffer(bias) for bias in errors]) == pytest.approx(SIGHTED.fiducial_bias_std, rel=0.6)
-
-
-@pytest.mark.slow
-def test_the_belief_is_about_as_certain_as_by_images() -> None:
-    """Of three rooms, the deviations of the camera over time, and the features."""
-    logs, counts = [], []
-    for seed in range(SEED, SEED + 3):
-        for name in ("ActiveSLAM-v0", "ActiveSLAMPixels-v0"):
-            env = gym.make(name, scenario=GALLERY if name == "ActiveSLAM-v0" else "gallery-pixels", gaze_period=0.25)
-            env.reset(seed=seed)
-            for action in ACTIONS:
-                env.step(action)
-                covariance = env.unwrapped.belief.covariance
-                logs.append(0.5 * np.log([np.trace(covariance[:3, :3]), np.trace(covariance[3:6, 3:6])]))
-            counts.append(len(env.unwrapped.belief.ids))
-    corners, images = np.reshape(logs, (3, 2, len(ACTIONS), 2)).mean(axis=(0, 2))
-    np.testing.assert_allclose(corners, images, atol=np.log(1.5))
-    assert np.sum(counts[::2]) == pytest.approx(np.sum(counts[1::2]), rel=0.4)

@@ -40,10 +40,8 @@ def begun(env, seed):
 
 box = {"boxes": (((0.0, -1.0, 2.0), (1.0, 0.0, 2.5)),), "boxes_known": True}
 for scenario in ("paper", "paper-literal", "clutter", "hall", "hand-held", box):
-    for name in ("ActiveSLAM-v0", "ActiveSLAMDiscrete-v0"):
-        begun(gymnasium.make(name, scenario=scenario), 0)
-        for count in (1, 3):
-            begun(gymnasium.make_vec(name, num_envs=count, scenario=scenario, num_threads=2), 0)
+    begun(gymnasium.make("ActiveSLAM-v0", scenario=scenario), 0)
+    begun(gymnasium.make_vec("ActiveSLAMDiscrete-v0", num_envs=3, scenario=scenario, num_threads=2), 0)
 
 allocated, left = {}, {}
 for count, scenario in ((1, "paper"), (4, "paper"), (2, "paper-literal"), (2, "hand-held")):

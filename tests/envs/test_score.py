@@ -7,13 +7,7 @@ import numpy as np
 import pytest
 
 from activeslam_gym.config import Scenario
-from activeslam_gym.envs.evaluation import (
-    LOSS,
-    features_of_landmarks,
-    judge_matches,
-    match_to_truth,
-    true_id,
-)
+from activeslam_gym.envs.evaluation import LOSS, features_of_landmarks, judge_matches, match_to_truth
 from activeslam_gym.envs.reward import REWARDS
 from activeslam_gym.envs.run import NO_OWNER, OWNER
 from activeslam_gym.metrics import UNSOUND_LOG_SCORE
@@ -24,8 +18,6 @@ from activeslam_gym.world.simulator import CLUTTER_LABEL
 from tests.support import PAPER, estimate_of, random_belief, simulation_of
 
 K = 2
-
-# A loss -------------------------------------------------------------------------------------------------------------
 
 
 def made(**arguments: Any) -> gym.Env:
@@ -80,41 +72,22 @@ def test_a_belief_that_is_not_positive_definite_scores_the_floor() -> None:
     assert info["reward_terms"]["entropy"] == 0.0 and info["entropy"] == first["entropy"]
 
 
-# Whose a feature is -------------------------------------------------------------------------------------------------
-
-
-class PlainEvaluator:
-    """A judge of three features, with the ids 1 to 3."""
-
-    def __init__(self) -> None:
-        self.belief = random_belief(PAPER, [POINT] * 3, np.random.default_rng(0))
-        self.owner = np.zeros(len(self.belief.feature), OWNER)
-        self.estimate = estimate_of(self.belief)
-
-    def frame(self, *matches: tuple[int, int]) -> tuple[int, int]:
-        """(wrong matches, features from clutter) of a frame of (match, label)."""
-        candidates, labels = detections_of(np.zeros((len(matches), 2))), np.array([m[1] for m in matches], np.int64)
-        candidates["match"] = [m[0] for m in matches]
-        self.estimate = estimate_of(self.belief)
-        match_to_truth(self.owner, self.estimate)
-        return judge_matches(self.owner, self.estimate, K, candidates, labels)
-
-    def ids(self, *labels: int) -> list[int]:
-        return [true_id(self.owner, K, label) for label in labels]
-
-    @property
-    def owners(self) -> list[int]:
-        return self.owner["landmark"][: int(self.estimate.state.count)].tolist()
-
-
 def test_a_feature_is_what_initialised_it_for_life() -> None:
-    identity = PlainEvaluator()
-    assert identity.frame((1, K + 2), (2, CLUTTER_LABEL), (3, 0)) == (0, 1)
-    assert identity.owners == [2, NO_OWNER, NO_OWNER]
+    belief = random_belief(PAPER, [POINT] * 3, np.random.default_rng(0))
+    owner, estimate = np.zeros(len(belief.feature), OWNER), estimate_of(belief)
+    detections = detections_of(np.zeros((3, 2)))
+    detections["match"] = 1, 2, 3
+
+    def frame(*labels: int) -> tuple[int, int]:
+        """Wrong matches and features from clutter, where the three features are matched to these labels."""
+        match_to_truth(owner, estimate)
+        return judge_matches(owner, estimate, K, detections, np.array(labels))
+
+    assert frame(K + 2, CLUTTER_LABEL, 0) == (0, 1)
     for _ in range(5):  # no majority changes that
-        assert identity.frame((1, K), (2, CLUTTER_LABEL), (3, K)) == (3, 0)
-    assert identity.frame((1, K + 2), (2, K + 1), (3, 0)) == (1, 0)
-    assert identity.owners == [2, NO_OWNER, NO_OWNER]
+        assert frame(K, CLUTTER_LABEL, K) == (3, 0)
+    assert frame(K + 2, K + 1, 0) == (1, 0)
+    assert owner["landmark"][:3].tolist() == [2, NO_OWNER, NO_OWNER]
 
 
 def test_the_oldest_eligible_feature_stands_for_its_landmark() -> None:
@@ -122,9 +95,6 @@ def test_the_oldest_eligible_feature_stands_for_its_landmark() -> None:
     owner["landmark"] = 1, NO_OWNER, 1, 0
     assert features_of_landmarks(owner, 3, everyone).tolist() == [3, 0, -1]
     assert features_of_landmarks(owner, 3, np.array([False, True, True, True])).tolist() == [3, 2, -1]
-
-
-# Labels that are given ----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("initialisation", ["inverse_depth", "depth_particles"])

@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Thread
@@ -16,13 +16,12 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from activeslam_gym import Scenario, config
+from activeslam_gym import config
 from activeslam_gym.evaluation import Store, cluster
 from agents import task as tasks
 from agents.__main__ import main
 from agents.learn.weights import SHIPPED
 from agents.task import Task
-from baselines import constants
 from tests.support import assert_same_record
 
 ROOT = Path(__file__).parents[2]
@@ -174,32 +173,6 @@ def test_a_node_with_another_installation_is_named_and_plays_nothing(
         nodes.remove_node(other)
 
 
-def broken_off(line: str, out: Path, end: Callable[[subprocess.Popen], None]) -> tuple[int, str]:
-    """Exit status and text of a comparison that is ended when ten episodes are kept."""
-    command = [sys.executable, "-m", "agents", *line.split(), "--out", str(out)]
-    run = subprocess.Popen(
-        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell's background job ignores Ctrl-C
-    )  # fmt: skip
-    while len(list((out / "episodes").glob("*.npz"))) < 10:
-        assert run.poll() is None, run.communicate()[0]
-        time.sleep(0.1)
-    end(run)
-    told = run.communicate(timeout=100)[0]
-    return run.returncode, told
-
-
-def test_another_number_of_machines_goes_on(nodes: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """Of the same comparison, interrupted."""
-    line = "compare --policies stay sweep --reference stay --no-figures --episodes"
-    status, told = broken_off(
-        f"{line} 400 --cluster {nodes.address}", tmp_path, lambda run: run.send_signal(signal.SIGINT)
-    )
-    assert status == 130 and "Interrupted" in told
-    assert main([*line.split(), "30", "--resume", "--jobs", "1", "--out", str(tmp_path)]) == 0
-    assert "episodes are kept from an earlier command" in capfd.readouterr().out
-
-
 @contextmanager
 def head() -> Iterator[subprocess.Popen]:
     """A cluster of one core, by the command of Ray."""
@@ -222,23 +195,22 @@ def test_a_lost_head_is_told_and_the_same_command_goes_on_with_another_one(
     monkeypatch.setenv("RAY_AUTH_MODE", "disabled")
     line = "compare --policies stay sweep --reference stay --episodes 40 --duration 20 --no-figures --resume"
     there = f"{line} --cluster 127.0.0.1:6392"
-    with head() as first:
-        status, told = broken_off(there, tmp_path / "a", lambda _: os.killpg(first.pid, signal.SIGKILL))
-    assert status == 2 and "--cluster: the head is lost, and what is over is kept" in told
-    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "a" / "episodes").glob("*.npz")}
     command = [sys.executable, "-m", "agents", *there.split(), "--out", str(tmp_path / "a")]
+    with head() as first:
+        run = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        while len(list((tmp_path / "a" / "episodes").glob("*.npz"))) < 10:
+            assert run.poll() is None, run.communicate()[0]
+            time.sleep(0.1)
+        os.killpg(first.pid, signal.SIGKILL)
+        told = run.communicate(timeout=100)[0]
+    assert run.returncode == 2 and "--cluster: the head is lost, and what is over is kept" in told
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "a" / "episodes").glob("*.npz")}
     with head():
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=200)
     assert done.returncode == 0 and f"{len(before)} of 80 episodes are kept" in done.stdout, done.stderr
     assert before.items() <= {path: path.stat().st_mtime_ns for path in before}.items()  # none is played twice
     assert main([*line.split(), "--jobs", "1", "--out", str(tmp_path / "b")]) == 0
     assert_equal(tmp_path / "a", tmp_path / "b", 80)
-
-
-def test_a_search_on_the_cluster_finds_what_one_here_finds(nodes: Any) -> None:
-    plans, times = constants.CONSTANTS[:7, None], (1.0, 1.0, 2.0)
-    there = constants.log_scores(plans, Scenario(), range(5), times, Store(workers=nodes.address))
-    np.testing.assert_array_equal(there, constants.log_scores(plans, Scenario(), range(5), times))
 
 
 @pytest.mark.slow
@@ -258,9 +230,3 @@ def test_the_job_script_of_slurm_starts_a_cluster_and_plays(tmp_path: Path) -> N
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert len(list((tmp_path / "out" / "episodes").glob("*.npz"))) == 4
-
-
-def test_an_address_without_a_cluster_is_a_mistake(nodes: Any, tmp_path: Path, capsys: Any) -> None:
-    line = f"compare --policies stay --reference stay --episodes 1 --duration 1 --no-figures --out {tmp_path}"
-    assert main([*line.split(), "--cluster", "127.0.0.1:1"]) == 2
-    assert "--cluster" in capsys.readouterr().err

@@ -4,10 +4,15 @@ It is the system's own chromium, headless, with GL in software: what is judged i
 """
 
 import json
+import os
+import shutil
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,13 +21,18 @@ viser = pytest.importorskip("viser", reason="the extra `live` is not installed")
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: see make client-live")
 
-from activeslam_gym.vision import film
 from activeslam_gym.vision.frontend import MATCHED
 from activeslam_gym.vision.target import target_from
-from tests.live_scene import BROWSER, PATIENCE, SWITCHES
-from tests.live_scene import served as serving
 from tests.support import until
 from tests.vision_scene import CHARUCO, LENS, board_on_the_plane, path
+
+ROOT = Path(__file__).resolve().parents[2]
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+SWITCHES = """--no-sandbox --disable-gpu --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader
+    --disable-quic
+    --no-first-run --disable-background-networking --disable-component-update --disable-sync""".split()
+PATIENCE = 240.0
+"""Software GL on a busy machine is slow [s]."""
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(BROWSER is None, reason="no chromium is installed")]
 
@@ -34,39 +44,30 @@ SMALL = {"width": 320, "height": 240}
 POSES = path(40, 0.45, -0.002)
 
 
-class Served(NamedTuple):
-    """A page that is being served."""
-
-    address: str
-    folder: Path
-
-    def states(self, run: str = ".") -> list[str]:
-        path = self.folder / run / "states.jsonl"
-        return path.read_text().splitlines() if path.exists() else []
-
-
-@pytest.fixture
-def served(tmp_path: Path) -> Iterator[Served]:
-    with serving("--seconds", "3000", "--record", str(tmp_path / "run")) as address:
-        yield Served(address, tmp_path / "run")
-
-
-def video(file: Path, images: list[np.ndarray], rate: int) -> Path:
-    """The grey ``images`` as a raw video of colours, which chromium's fake camera repeats without end."""
-    h, w = images[0].shape
-    with file.open("wb") as out:
-        out.write(f"YUV4MPEG2 W{w} H{h} F{rate}:1 Ip A1:1 C420jpeg\n".encode())
-        for image in images:
-            luminance = np.rint(16.0 + image * (219.0 / 255.0)).astype(np.uint8)  # as televisions have it
-            out.write(b"FRAME\n" + luminance.tobytes() + bytes([128]) * (h * w // 2))
-    return file
+@contextmanager
+def serving(*options: str) -> Iterator[str]:
+    """The address of a page that the command serves with these ``options``."""
+    line = [sys.executable, "-m", "activeslam_gym", "live", "--port", "0", *options]
+    process = subprocess.Popen(line, env={**os.environ, "PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        yield process.stdout.readline().split()[1]
+    finally:
+        process.terminate()
+        process.wait(30)
 
 
 @pytest.fixture(scope="module")
 def there_and_back(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A board on the textured plane from `POSES`, and back again."""
+    """A board on the textured plane from `POSES` and back, a video that chromium's fake camera repeats without end."""
     there = [board_on_the_plane(target_from(CHARUCO), pose, 2) for pose in POSES]
-    return video(tmp_path_factory.mktemp("camera") / "board.y4m", there + there[::-1], 5)
+    file, (h, w) = tmp_path_factory.mktemp("camera") / "board.y4m", there[0].shape
+    with file.open("wb") as out:
+        out.write(f"YUV4MPEG2 W{w} H{h} F5:1 Ip A1:1 C420jpeg\n".encode())
+        for image in there + there[::-1]:
+            luminance = np.rint(16.0 + image * (219.0 / 255.0)).astype(np.uint8)  # as televisions have it
+            out.write(b"FRAME\n" + luminance.tobytes() + bytes([128]) * (h * w // 2))
+    return file
 
 
 @pytest.fixture(scope="module")
@@ -80,93 +81,69 @@ def browser(there_and_back: Path) -> Iterator[Any]:
 
 
 @pytest.fixture
-def visit(browser: Any, served: Served) -> Iterator[Callable[..., Any]]:
-    """Opens the page in a window of some size, once something stands on it."""
-    opened = []
+def visit(browser: Any) -> Iterator[Callable[..., Any]]:
+    """Opens a page, with a person who allows the camera or does not, once ``there`` stands on it."""
+    contexts = []
 
-    def open_(size: dict[str, int], **how: Any) -> Any:
-        opened.append(browser.new_page(viewport=size, **how))
-        opened[-1].set_default_timeout(1e3 * PATIENCE)
-        opened[-1].goto(served.address)
-        opened[-1].wait_for_selector("#command")
-        return opened[-1]
+    def open_(address: str, there: str = "#device", allows: bool = True, size: dict[str, int] = SMALL) -> Any:
+        permissions = ["camera"] if allows else []
+        contexts.append(browser.new_context(permissions=permissions, viewport=size, ignore_https_errors=True))
+        page = contexts[-1].new_page()
+        page.set_default_timeout(1e3 * PATIENCE)
+        page.goto(address)
+        page.wait_for_selector(there)
+        return page
 
     yield open_
-    for page in opened:
-        page.close()
+    for context in contexts:
+        context.close()
 
 
-def map_pixels(page: Any) -> np.ndarray:
-    """(h, w, 3) of the part of the window that shows the map alone."""
+def states(folder: Path) -> list[dict[str, Any]]:
+    """What is recorded of a run; the last line may not be whole."""
+    file = folder / "states.jsonl"
+    return [json.loads(line) for line in file.read_text().splitlines()[:-1]] if file.exists() else []
+
+
+def colours(page: Any) -> int:
+    """How many there are in the part of the window that shows the map alone."""
     size = page.viewport_size
-    clip = {"x": 360, "y": 160, "width": size["width"] - 800, "height": size["height"] - 200}
-    return pixels(page.screenshot(clip=clip))
-
-
-def pixels(shot: bytes) -> np.ndarray:
-    """(h, w, 3) of a screenshot."""
-    return cv2.cvtColor(cv2.imdecode(np.frombuffer(shot, np.uint8), cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB).astype(int)
-
-
-def dots(page: Any) -> int:
-    """Pixels of new landmarks in the curves, which stand in the upper left of the window."""
-    shot = pixels(page.screenshot(clip={"x": 0, "y": 200, "width": 330, "height": 200}))
-    return int((np.abs(shot - film.rgb(film.ORANGE)).sum(axis=2) < 30).sum())
-
-
-def changed(before: np.ndarray, after: np.ndarray) -> float:
-    """Share of the pixels that are another colour."""
-    return float((np.abs(before - after).sum(axis=2) > 60).mean())
-
-
-def bluish(picture: np.ndarray) -> int:
-    """Pixels of features: bluer than red, by much."""
-    return int((picture[..., 2] - picture[..., 0] > 40).sum())
+    shot = page.screenshot(clip={"x": 360, "y": 160, "width": size["width"] - 800, "height": size["height"] - 200})
+    return len(np.unique(cv2.imdecode(np.frombuffer(shot, np.uint8), cv2.IMREAD_COLOR).reshape(-1, 3), axis=0))
 
 
 def press(page: Any, name: str) -> None:
     page.get_by_role("button", name=name, exact=True).first.click()
 
 
-def test_the_map_grows_and_the_view_is_live(visit: Any, served: Served) -> None:
-    page = visit(DESK)
-    first, view = map_pixels(page), page.locator(VIEW).get_attribute("src")
-    until(lambda: dots(page) > 100, PATIENCE)
-    until(lambda: changed(first, map_pixels(page)) > 0.002, PATIENCE)
-    until(lambda: bluish(map_pixels(page)) > 150, PATIENCE)  # features
-    now = map_pixels(page)
-    assert len(np.unique(now.reshape(-1, 3), axis=0)) > 100, "it is no blank canvas"
-    assert page.locator(VIEW).get_attribute("src") != view
-    assert page.get_by_text("Share").count() == 0
-    assert "bits over holding still" in page.content() or "No motion promises more" in page.content()
-
-
-def test_every_control_does_what_it_says(visit: Any, served: Served) -> None:
-    page = visit(DESK)
-    until(lambda: len(served.states()) > 40, PATIENCE)
-    press(page, "Pause")
-    until(lambda: page.locator("#standing").inner_text() == "Paused.", PATIENCE)
-    until(lambda: _settled(served), PATIENCE)
-    with page.expect_download() as download:
-        press(page, "Save")
-    rows = Path(download.value.path()).read_text().splitlines()
-    assert rows[0] == "id,x,y,z,std_x,std_y,std_z" and len(rows) > 8
-    until(lambda: (served.folder / "map.csv").exists(), PATIENCE)
-    page.get_by_role("checkbox").first.click()
-    press(page, "Go on")
-    until(lambda: '"follows": false' in served.states()[-1], PATIENCE)
-    press(page, "Restart")
-    until(lambda: len(served.states("2")) > 3, PATIENCE)
-
-
-def _settled(served: Served) -> int:
-    """How many states there are, when there come no more; 0 while they do."""
-    before = len(served.states())
+def at_rest(folder: Path) -> bool:
+    """Whether no more states come."""
+    before = len(states(folder))
     time.sleep(1.5)
-    return before if len(served.states()) == before else 0
+    return len(states(folder)) == before
 
 
-# A browser that films -------------------------------------------------------------------------------------------------
+def test_every_control_does_what_it_says(visit: Any, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    with serving("--seconds", "3000", "--record", str(run)) as address:
+        page = visit(address, "#command", size=DESK)
+        view = page.locator(VIEW).get_attribute("src")
+        until(lambda: colours(page) > 100, PATIENCE)  # of a map that is drawn
+        until(lambda: len(states(run)) > 40, PATIENCE)
+        assert page.locator(VIEW).get_attribute("src") != view
+        press(page, "Pause")
+        until(lambda: page.locator("#standing").inner_text() == "Paused.", PATIENCE)
+        until(lambda: at_rest(run), PATIENCE)
+        with page.expect_download() as download:
+            press(page, "Save")
+        rows = Path(download.value.path()).read_text().splitlines()
+        assert rows[0] == "id,x,y,z,std_x,std_y,std_z" and len(rows) > 8
+        until(lambda: (run / "map.csv").exists(), PATIENCE)
+        page.get_by_role("checkbox").first.click()
+        press(page, "Go on")
+        until(lambda: states(run)[-1]["follows"] is False, PATIENCE)
+        press(page, "Restart")
+        until(lambda: len(states(run / "2")) > 3, PATIENCE)
 
 
 @pytest.fixture
@@ -177,31 +154,6 @@ def files(tmp_path: Path) -> list[str]:
     return ["--source", "browser", *given]
 
 
-@pytest.fixture
-def filming(browser: Any) -> Iterator[Callable[..., Any]]:
-    """Opens a page, with a person who allows the camera or does not."""
-    contexts = []
-
-    def open_(address: str, allows: bool = True) -> Any:
-        contexts.append(
-            browser.new_context(permissions=["camera"] if allows else [], viewport=SMALL, ignore_https_errors=True)
-        )
-        page = contexts[-1].new_page()
-        page.set_default_timeout(1e3 * PATIENCE)
-        page.goto(address)
-        page.wait_for_selector("#device")
-        return page
-
-    yield open_
-    for context in contexts:
-        context.close()
-
-
-def states(folder: Path) -> list[dict[str, Any]]:
-    file = folder / "states.jsonl"
-    return [json.loads(line) for line in file.read_text().splitlines()[:-1]] if file.exists() else []
-
-
 def kept(run: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Of a run the states soon after two that were tracked: on a busy machine a browser does not film for seconds."""
     threes = zip(run, run[1:], run[2:])
@@ -209,10 +161,10 @@ def kept(run: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return [now for *before, now in soon if all(state["standing"] == "tracking" for state in before)]
 
 
-def test_the_camera_of_the_browser_is_tracked_and_advised(filming: Any, files: list[str], tmp_path: Path) -> None:
+def test_the_camera_of_the_browser_is_tracked_and_advised(visit: Any, files: list[str], tmp_path: Path) -> None:
     run = tmp_path / "run"
     with serving(*files, "--record", str(run)) as address:
-        page = filming(address)
+        page = visit(address)
         asked = page.locator("#device").inner_text()
         assert "Use this device's camera?" in asked and f"kept there, with the trajectory, in {run}" in asked
         page.wait_for_timeout(2000)
@@ -237,17 +189,17 @@ def test_the_camera_of_the_browser_is_tracked_and_advised(filming: Any, files: l
 
 
 def test_without_leave_nothing_is_filmed_and_without_a_recording_nothing_is_kept(
-    filming: Any, files: list[str], tmp_path: Path
+    visit: Any, files: list[str], tmp_path: Path
 ) -> None:
     before = set(tmp_path.rglob("*"))
     with serving(*files) as address:
-        page = filming(address, allows=False)
+        page = visit(address, allows=False)
         assert "They are not kept." in page.locator("#device").inner_text()
         page.click("#film")
         until(lambda: "The camera was not allowed." in page.locator("#trouble").inner_text(), PATIENCE)
         assert "press Film" in page.locator("#standing").inner_text()
         page.click("#watch")
-        other = filming(address)
+        other = visit(address)
         other.click("#film")
         until(lambda: "Tracking" in page.locator("#standing").inner_text(), PATIENCE)
     assert set(tmp_path.rglob("*")) == before

@@ -3,7 +3,6 @@
 import asyncio
 import os
 import signal
-import socket
 import ssl
 import struct
 import subprocess
@@ -11,8 +10,10 @@ import sys
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -27,24 +28,55 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from activeslam_gym.__main__ import main
-from activeslam_gym.live.access import Access, check_address
+from activeslam_gym.live.access import Access
 from activeslam_gym.live.device import Device
 from activeslam_gym.live.page import Page
-from activeslam_gym.live.state import Standing
+from activeslam_gym.live.source import ROOM
+from activeslam_gym.live.state import Standing, State
 from activeslam_gym.motion import Motion
-from tests.live_scene import a_state, serving, visitor
+from activeslam_gym.vision.frontend import Searched
 from tests.support import until
 
 ROOT = Path(__file__).resolve().parents[2]
+SOURCE: Any = SimpleNamespace(name="a <test>", scenario=ROOM, person=object())
+
+
+def a_state(frame: int = 1, n: int = 12) -> State:
+    rng = np.random.default_rng(frame)
+    return State(
+        frame=frame, time=frame / 15, image=rng.integers(0, 255, (240, 320)).astype(np.uint8),
+        standing=Standing.TRACKING, words="Tracking.", camera=np.eye(1, 13, 3)[0], camera_covariance=1e-4 * np.eye(3),
+        ids=np.arange(1, n + 1), points=rng.normal(0, 1, (n, 3)), covariances=np.tile(1e-3 * np.eye(3), (n, 1, 1)),
+        mapped=np.arange(n) % 2 == 0, fiducials=np.zeros((4, 3)),
+        searched=Searched(np.arange(1, n + 1), rng.uniform(20, 220, (n, 2)), np.tile(9.0 * np.eye(2), (n, 1, 1)),
+                          np.arange(n) % 3),
+        command=Motion.UP, scores=np.arange(7.0), advised=np.arange(7), log2_dets=np.array((-100.0, -200.0, -310.0)),
+        landmarks=n, milliseconds=8.0, follows=True,
+    )  # fmt: skip
+
+
+@contextmanager
+def serving(source: Any = SOURCE, host: str = "127.0.0.1") -> Iterator[Page]:
+    made = Page(source, host, 0)
+    try:
+        yield made
+    finally:
+        made.close()
+
+
+def visitor(address: str) -> Any:
+    """A client that connects as viser's own does."""
+    import viser
+    from websockets.sync.client import connect
+
+    url = address.replace("http", "ws").replace("localhost", "127.0.0.1").removesuffix("/")
+    return connect(url, subprotocols=[f"viser-v{viser.__version__}"], max_size=None, compression=None)
 
 
 @pytest.fixture
 def page() -> Iterator[Page]:
     with serving() as made:
         yield made
-
-
-# What it refuses ------------------------------------------------------------------------------------------------------
 
 
 def test_a_public_tunnel_is_refused(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -56,29 +88,17 @@ def test_a_public_tunnel_is_refused(page: Page, monkeypatch: pytest.MonkeyPatch)
     assert page._server._share_tunnel is None and not opened
 
 
-def test_a_port_in_use_is_named() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        with pytest.raises(OSError, match=f"--host 127.0.0.1 --port {port}: Address already in use"):
-            check_address("127.0.0.1", port)
-
-
 MISTAKES = {
     "--port 70000": "--port must be in 0 to 65535, got 70000",
-    "--port -1": "--port must be in 0 to 65535, got -1",
     "--host 192.0.2.1 --port 0": "--host 192.0.2.1 --port 0: Cannot assign requested address",
     "--host no.such.host.invalid": "no page can be served at --host no.such.host.invalid",
-    "--seconds 0": "--seconds must be a positive number, got 0.0",
     "--seconds nan": "--seconds must be a positive number, got nan",
     "--seed -1": "--seed must be 0 or more, got -1",
-    "--source shots": "--source shots needs --calibration and --target",
     "--source shots --calibration lens.json": "--source shots needs --target",
     "--source shots --calibration lens.json --target t.json": "No such file or directory",
     "--source browser --target t.json": "--source browser needs --calibration or --calibrate",
-    "--source shots --calibrate lens.json": "--calibrate is for --source browser without --calibration",
     "--calibrate lens.json": "--calibrate is for --source browser without --calibration",
     "--record /dev/null/x": "'/dev/null/x' is no folder to write to",
-    f"--record {'a' * 300}": "is no folder to write to (File name too long)",
     "--record run --host 192.0.2.1 --port 0": "Cannot assign requested address",
 }
 
@@ -93,27 +113,16 @@ def test_a_mistake_is_reported_in_a_line(line: str, tmp_path: Path, monkeypatch:
     assert not list(tmp_path.iterdir())
 
 
-# What it shows --------------------------------------------------------------------------------------------------------
-
-
-def with_ellipses(S: np.ndarray) -> dict[str, Any]:
-    return {"searched": a_state().searched._replace(covariance=np.tile(S, (12, 1, 1)))}
-
-
 def test_states_of_all_kinds_are_shown(page: Page) -> None:
-    nothing, stay = {"scores": np.full(7, np.nan), "log2_dets": np.full(3, np.nan)}, Motion.STAY
-    kinds = [
-        {}, {"points": np.full((12, 3), np.nan)}, {"camera": np.full(13, np.nan)}, {**nothing, "command": stay},
-        with_ellipses(np.diag((1e12, -1.0))), {"command": Motion.FORWARD},
-        with_ellipses(np.full((2, 2), np.nan)), {"camera_covariance": np.full((3, 3), np.nan)},
-        {"standing": Standing.WAITING, "follows": False},
+    searched = a_state().searched._replace(covariance=np.tile(np.diag((1e12, -1.0)), (12, 1, 1)))
+    kinds: list[dict[str, Any]] = [
+        {}, {"points": np.full((12, 3), np.nan)}, {"camera": np.full(13, np.nan)}, {"searched": searched},
+        {"scores": np.full(7, np.nan), "log2_dets": np.full(3, np.nan), "command": Motion.STAY},
+        {"camera_covariance": np.full((3, 3), np.nan)}, {"standing": Standing.WAITING, "follows": False},
     ]  # fmt: skip
     states = [replace(a_state(), frame=frame, **kind) for frame, kind in enumerate(kinds, 1)]
     for state in (*states, a_state(11, 100), replace(a_state(12, 0), advised=np.zeros(7, int))):
         page.draw(state)
-
-
-# The command ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGHUP, marks=pytest.mark.slow)])
@@ -138,9 +147,6 @@ def test_ctrl_c_or_a_closed_terminal_ends_it_and_loses_nothing(tmp_path: Path, n
     assert len(np.loadtxt(tmp_path / "run" / "trajectory.tum")) == count
     assert (tmp_path / "run" / "map.csv").stat().st_size > 100
     assert cv2.VideoCapture(str(tmp_path / "run" / "film.mp4")).get(cv2.CAP_PROP_FRAME_COUNT) == count
-
-
-# Who may read it ------------------------------------------------------------------------------------------------------
 
 
 TRUSTING = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)

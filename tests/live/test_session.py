@@ -10,7 +10,7 @@ import pytest
 
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
-from activeslam_gym.camera import camera_of, change_of_view, pixel_from_camera_point
+from activeslam_gym.camera import View, camera_of, change_of_view, visible
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.candidates import measurable_points
 from activeslam_gym.live.advice import CRITERION, best
@@ -19,8 +19,7 @@ from activeslam_gym.live.source import FOLLOW, NEVER, ROOM, STILL, Person, Recor
 from activeslam_gym.live.state import Standing, State
 from activeslam_gym.motion import Motion, motion_of
 from activeslam_gym.vision.frontend import MATCHED
-from activeslam_gym.vision.target import CORNERS
-from tests.vision_scene import LENS, TARGET, image_from, pose_at
+from tests.vision_scene import LENS, image_from, pose_at, target_fields
 
 CALM = replace(ROOM, acceleration_std=0.0, angular_acceleration_std=0.0)
 
@@ -62,13 +61,6 @@ def test_the_same_seed_gives_the_same_run_after_a_restart(walk: Any) -> None:
         np.testing.assert_array_equal(again.image, state.image)
 
 
-def in_view(point: np.ndarray, pose: np.ndarray) -> bool:
-    """Whether a point lies in the image from ``pose`` where nothing hides it."""
-    camera, p_C, z = camera_of(ROOM), rotation_matrix(pose[3:7]).T @ (point - pose[:3]), np.empty(2)
-    projected = p_C[2] > camera.minimum_depth and pixel_from_camera_point(camera, p_C, z)
-    return bool(projected and (z > 0.0).all() and (z < (camera.width, camera.height)).all())
-
-
 def test_only_measurements_that_the_front_end_would_take_are_foreseen(walk: Any) -> None:
     """Of features those from familiar sides, and of expected landmarks as many as there is room for beside them."""
     session, _ = walk
@@ -82,7 +74,8 @@ def test_only_measurements_that_the_front_end_would_take_are_foreseen(walk: Any)
     for way in ((0, 0, -0.3), (0, 0, 0), (0, 0, 0.3), (0.4, 0, 0), (0.8, 0, 0)):
         pose = belief.camera.copy()
         pose[:3] += way
-        there = np.array([in_view(point, pose) for point in belief.points])
+        view = View(camera_of(ROOM), pose, rotation_matrix(pose[3:7]))
+        there = np.array([visible(view, point, 0.0, np.empty(2)) for point in belief.points])
         seen = there & measurable_points(session.front_end.camera, belief._replace(limits=limits), pose)
         change = np.array([change_of_view(*both) for both in zip(belief.first_seen, [pose] * known, belief.points)])
         np.testing.assert_array_equal(seen[:known], there[:known] & (change <= settings.most_change))
@@ -92,41 +85,25 @@ def test_only_measurements_that_the_front_end_would_take_are_foreseen(walk: Any)
     assert (left_out > 0).all()
 
 
-# The person -----------------------------------------------------------------------------------------------------------
-
-
-def person(habit: str = FOLLOW, scenario: Any = CALM, boxes: Any = (), seed: int = 0) -> Person:
+def moved(command: Motion, habit: str = FOLLOW, boxes: Any = (), times: int = 1, seed: int = 0) -> np.ndarray:
+    """Where a person who hears a command ``times`` is afterwards."""
     places = np.reshape(np.array(boxes, float), (-1, 2, 3))
-    return Person(motion_of(scenario, 1.0), np.eye(1, 13, 3)[0], places, habit, np.random.default_rng(seed))
-
-
-def moved(who: Person, command: Motion) -> np.ndarray:
-    who.hear(command)
-    for _ in range(24):
-        who.move()
+    who = Person(motion_of(CALM, 1.0), np.eye(1, 13, 3)[0], places, habit, np.random.default_rng(seed))
+    for _ in range(times):
+        who.hear(command)
+        for _ in range(24):
+            who.move()
     return who.state[:3]
 
 
-def test_a_person_goes_as_the_habit_says() -> None:
+def test_a_person_goes_as_the_habit_says_and_keeps_away_from_boxes() -> None:
     ways = ((0, 0, 0.3), (0, 0, -0.3), (-0.3, 0, 0), (0.3, 0, 0), (0, 0.3, 0), (0, -0.3, 0), (0, 0, 0))
     for motion, way in zip(Motion, ways):  # the camera's x points left
-        np.testing.assert_allclose(moved(person(), motion), way, atol=0.03)
-    assert np.linalg.norm(moved(person(STILL), Motion.UP)) < 0.01
-    random = [moved(person(NEVER, seed=seed), Motion.UP) for seed in range(12)]
+        np.testing.assert_allclose(moved(motion), way, atol=0.03)
+    assert np.linalg.norm(moved(Motion.UP, STILL)) < 0.01
+    random = [moved(Motion.UP, NEVER, seed=seed) for seed in range(12)]
     assert len({tuple(np.sign(np.round(way, 1))) for way in random}) >= 4
-
-
-def test_a_person_keeps_away_from_boxes_and_a_hand_trembles_and_stays_level() -> None:
-    who = person(boxes=[[(-1, -1, 0.6), (1, 1, 0.9)]])
-    for _ in range(4):
-        moved(who, Motion.FORWARD)
-    assert 0.0 < who.state[2] < 0.3
-    who = person(STILL, ROOM)
-    states = np.array([who.move() for _ in range(600)])
-    assert 0.001 < np.std(states[:, 1]) < 0.02 and np.abs(states[:, [4, 6]]).max() < 0.03
-
-
-# How it goes ----------------------------------------------------------------------------------------------------------
+    assert 0.0 < moved(Motion.FORWARD, boxes=[[(-1, -1, 0.6), (1, 1, 0.9)]], times=4)[2] < 0.3
 
 
 class Dark(RenderedRoom):
@@ -166,14 +143,9 @@ def test_it_waits_for_the_target_and_tells_when_no_image_is_left() -> None:
 
 
 def test_a_recorded_sequence_is_followed_and_advised_at_its_rate(tmp_path: Path) -> None:
-    corners, camera = np.empty((4, 2)), camera_of(LENS.scenario())
     places = [pose_at((0.05 + 0.004 * k, 0.03, 0.69)) for k in range(10)]
-    for z, point in zip(corners, TARGET.fiducials):
-        pixel_from_camera_point(camera, rotation_matrix(places[0][3:]).T @ (point - places[0][:3]), z)
-    names = dict(zip(CORNERS, np.rint(corners).tolist()))
-    target = {"kind": "rectangle", "width": TARGET.width, "height": TARGET.height, "corners_px": names}
     (tmp_path / "lens.json").write_text(json.dumps(LENS._asdict()))
-    (tmp_path / "target.json").write_text(json.dumps(target))
+    (tmp_path / "target.json").write_text(json.dumps(target_fields(places[0])))
     for k, place in enumerate(places):
         assert cv2.imwrite(str(tmp_path / f"{k:02d}.png"), image_from(place, target=True))
     session = Session(RecordedImages(str(tmp_path), tmp_path / "lens.json", tmp_path / "target.json", 5.0))
@@ -184,25 +156,13 @@ def test_a_recorded_sequence_is_followed_and_advised_at_its_rate(tmp_path: Path)
     assert states[9].follows is None and states[9].truth is None
     session.restart()
     assert session.step().frame == 1
-    with pytest.raises(ValueError, match="rate must be a positive number of images a second, got 0.0"):
-        RecordedImages(str(tmp_path), tmp_path / "lens.json", tmp_path / "target.json", 0.0)
 
 
-# Recordings -----------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[State]]:
-    """A run of 20 images in a folder, not closed: as it is when the process is killed."""
-    folder = tmp_path_factory.mktemp("live") / "run"
+def test_a_recording_that_was_cut_off_has_its_images_states_trajectory_and_log(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
     show = Session(RenderedRoom(2), 2, folder)
     states = [show.step() for _ in range(20)]
-    show._recording = None  # what is on disk must be enough
-    return folder, states
-
-
-def test_a_recording_that_was_cut_off_has_its_images_states_trajectory_and_log(recorded: Any) -> None:
-    folder, states = recorded
+    show._recording = None  # as when the process is killed: what is on disk must be enough
     poses = np.loadtxt(folder / "trajectory.tum")
     np.testing.assert_allclose(poses[:, 1:4], [state.camera[:3] for state in states], atol=1e-6)
     assert len((folder / "frames.csv").read_text().splitlines()) == 20  # a header, and all images but the first

@@ -1,41 +1,23 @@
 """Joint matching, the way back out of starvation, and identified candidates: by what they must obey."""
 
 import itertools
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
-from activeslam_gym.config import DEPTH_PARTICLES
 from activeslam_gym.metrics import camera_error
 from activeslam_gym.slam.appearance import appearance_of, associate_identified
-from activeslam_gym.slam.association import (
-    Hypotheses,
-    association_of,
-    hypotheses,
-    match_jointly,
-)
-from activeslam_gym.slam.detection import DETECTION, NEW, REJECTED, UNASSOCIATED, condition
+from activeslam_gym.slam.association import Hypotheses, association_of, hypotheses, match_jointly
+from activeslam_gym.slam.detection import DETECTION, NEW, REJECTED
 from activeslam_gym.slam.filter import Filter, detections_of
 from activeslam_gym.slam.sight import INSIDE, PREDICTED, Sight
-from tests.support import (
-    CAMERA,
-    PAPER,
-    moved,
-    pixel_of,
-    random_spd,
-    replaced,
-    world_points,
-)
+from tests.support import CAMERA, PAPER, moved, pixel_of, random_spd, replaced, world_points
 
 VAR = float(CAMERA.pixel_std**2)
 MODEL = replaced(association_of(PAPER), new_feature_gate=1e9, nodes=1000)
 """Without a gate, so that every assignment is one, and with room for them."""
 UNMAPPED = 1.5
-
-# Joint matching -----------------------------------------------------------------------------------------------------
 
 
 def open_hypotheses(z: np.ndarray, S: np.ndarray, detections: np.ndarray) -> Hypotheses:
@@ -91,30 +73,9 @@ def test_the_search_is_that_of_all_assignments(seed: int) -> None:
         assert of_point[a] == (best[a] if scores[best] - rival >= MODEL.margin else -1)
 
 
-def test_conditioning_is_the_gaussians() -> None:
-    """One after the other, each with an R of its own, as all at once by the textbook."""
-    rng = np.random.default_rng(5)
-    z, S, pixels = scene(3, 7, 0)
-    detections = detections_of(pixels)
-    detections["R"] = [random_spd(rng, np.ones(2)) for _ in detections]
-    h, partner = open_hypotheses(z, S, detections), {0: 2, 2: 0, 5: 1}
-    P, rest = h.S.copy(), np.repeat(~np.isin(np.arange(7), [*partner]), 2)
-    for a, i in partner.items():
-        condition(h.z, h.S, a, detections[i])
-    seen = [*partner.values()]
-    G = P[np.ix_(rest, ~rest)] @ np.linalg.inv(P[np.ix_(~rest, ~rest)] + block_diag(*detections["R"][seen]))
-    np.testing.assert_allclose(h.z[rest], z[rest] + G @ (pixels[seen].ravel() - z[~rest]), atol=1e-9)
-    expected = P[np.ix_(rest, rest)] - G @ P[np.ix_(~rest, rest)]
-    np.testing.assert_allclose(h.S[np.ix_(rest, rest)], expected, atol=1e-9)
-    assert np.abs(h.z[rest] - z[rest]).min() > 0.1
-
-
 @pytest.mark.parametrize(("nodes", "found"), [(400, True), (2, False)])
 def test_where_the_nodes_run_out_nothing_is_accepted(nodes: int, found: bool) -> None:
     assert (matched_jointly(*scene(1, 3, 0), nodes=nodes) >= 0).any() == found
-
-
-# The way back -------------------------------------------------------------------------------------------------------
 
 
 def test_a_filter_whose_ellipses_are_all_ambiguous_finds_its_way_back() -> None:
@@ -138,8 +99,6 @@ def test_a_filter_whose_ellipses_are_all_ambiguous_finds_its_way_back() -> None:
         count += sum(used)
     assert count > 0.75 * 12 * 7
 
-
-# Identified candidates ------------------------------------------------------------------------------------------------
 
 APPEARANCE = appearance_of(PAPER)
 GRID = 40.0 * np.arange(6)[:, None] + np.zeros(2)
@@ -186,16 +145,11 @@ def test_if_too_few_agree_or_nothing_is_in_sight_none_is_believed() -> None:
     assert chosen(sight, np.zeros(0, DETECTION)) == []
 
 
-def filter_with_a_map() -> Filter:
+def test_a_frame_may_be_searched_twice() -> None:
+    """Scouts first: what they tell sharpens the others' ellipses, and both updates are of one frame."""
     filter = Filter(PAPER, covariance=1e-4 * np.eye(12))
     for pixel in PIXELS:
         filter.add_landmark(pixel)
-    return filter
-
-
-def test_a_frame_may_be_searched_twice() -> None:
-    """Scouts first: what they tell sharpens the others' ellipses, and both updates are of one frame."""
-    filter = filter_with_a_map()
     filter.predict()
     before = np.trace(filter.sight().S[4:, 4:])
     scouts = detections_of(PIXELS[:2] + SHIFT / 8, ids=[1, 2], log_ratios=3.0)
@@ -204,30 +158,3 @@ def test_a_frame_may_be_searched_twice() -> None:
     others = detections_of(PIXELS[2:] + SHIFT / 8, ids=[3, 4], log_ratios=3.0)
     assert filter.update(others, jointly=True).tolist() == [3, 4]
     np.linalg.cholesky(filter.points()[1])
-
-
-def test_disbelieved_candidates_change_nothing_and_missing_is_the_searchers_business() -> None:
-    filter = filter_with_a_map()
-    filter.predict()
-    P, candidates = filter.points()[1], detections_of(PIXELS[:2], ids=[1, 2], log_ratios=3.0)
-    assert filter.update(candidates, jointly=True, least=3).tolist() == [REJECTED, REJECTED]
-    np.testing.assert_array_equal(filter.points()[1], P)
-    assert filter.counts.rejected_matches == 2
-    for _ in range(PAPER.maximum_misses + 30):
-        filter.predict()
-        filter.update([], jointly=True)
-    assert len(filter.ids) == len(PIXELS)
-    np.testing.assert_array_equal(filter.positions, filter.points()[0])
-    assert filter.capacity == PAPER.landmark_count + 13 and Filter().positions.shape == (0, 3)
-
-
-def test_what_cannot_be_chosen_jointly_is_said() -> None:
-    for given, options, message in (
-        ({"ids": UNASSOCIATED}, {}, "must all bear ids"),
-        ({"ids": 1}, {"labelled": True}, "which are not certain"),
-        ({"ids": 1, "log_ratios": np.nan}, {}, "finite log_ratio"),
-        ({"ids": 1}, {"scenario": replace(PAPER, initialisation=DEPTH_PARTICLES)}, "inverse_depth"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            filter = Filter(options.pop("scenario", PAPER))
-            filter.update(detections_of([[160.0, 120.0]], **given), jointly=True, **options)

@@ -1,30 +1,15 @@
 """Layout of the belief: appending, removing and converting leave the rest alone; the public belief is T P T^T."""
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
-import baselines
-from activeslam_gym.config import TRAINING_SEED
-from activeslam_gym.evaluation import play
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam import belief as layout
 from activeslam_gym.slam.belief import INVARIANT, INVERSE_DEPTH, KIND_DIM, PLAIN, POINT, RAY, Belief
-from activeslam_gym.slam.estimate import COMPILED
 from activeslam_gym.slam.kalman import MINIMUM_INVERSE_DEPTH, propagate, shift_mean, update_covariance
 from activeslam_gym.slam.map import append_feature, convert_to_point, remove_feature, room_for
 from tests import support
-from tests.support import (
-    copied,
-    dense_H,
-    features_of,
-    joint_covariance,
-    mean_difference,
-    random_spd,
-    rows_of,
-    sight_of,
-    turn_of_everything,
-)
+from tests.support import copied, dense_H, features_of, joint_covariance, rows_of, sight_of, turn_of_everything
 
 MIXES = [
     [],
@@ -57,13 +42,6 @@ def as_point(belief: Belief, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
     return y, T[:, : KIND_DIM[feature.kind]], along
 
 
-def append(belief: Belief, kind: int, mean=(0, 0, 0, 0, 0, 0.5), J: np.ndarray | None = None) -> int:
-    """Add a feature that the camera's tangent has nothing to do with, or by ``J``."""
-    width = KIND_DIM[kind]
-    J = np.zeros((width, 12)) if J is None else J
-    return append_feature(belief, kind, np.array(mean, float), J, 0.01 * np.eye(width))
-
-
 def assert_well_laid(belief: Belief) -> None:
     """Blocks follow each other by age, without gaps, and the covariance in use is symmetric to the bit."""
     features = features_of(belief)
@@ -74,19 +52,6 @@ def assert_well_laid(belief: Belief) -> None:
     assert len(set(features["slot"]) & set(range(len(belief.feature)))) == len(features)
     P = joint_covariance(belief)
     np.testing.assert_array_equal(P, P.T)
-
-
-@pytest.mark.parametrize("kind", [RAY, INVERSE_DEPTH, POINT])
-def test_depth_ratio_is_sigma_over_depth(kind: int) -> None:
-    belief = belief_of([kind])
-    feature, rows = belief.feature[0], rows_of(belief, 0)
-    P, sight = joint_covariance(belief)[np.ix_(rows, rows)], feature.mean[:3] - belief.state.camera[:3]
-    expected = {
-        RAY: lambda: np.sqrt(feature.depth_var) / feature.depth,
-        INVERSE_DEPTH: lambda: np.sqrt(P[5, 5]) / feature.mean[5],
-        POINT: lambda: np.sqrt(sight @ P @ sight) / (sight @ sight),
-    }
-    assert layout.depth_ratio(belief, 0) == pytest.approx(expected[kind](), rel=1e-12)
 
 
 @pytest.mark.parametrize("gone", range(6))
@@ -126,7 +91,8 @@ def test_many_features_that_come_and_go_keep_the_layout() -> None:
     for _ in range(300):
         choice, count = rng.integers(3), int(belief.state.count)
         if choice == 0 and room_for(belief, 6):
-            append(belief, INVERSE_DEPTH, J=rng.standard_normal((6, 12)))
+            mean, J = np.array((0, 0, 0, 0, 0, 0.5)), rng.standard_normal((6, 12))
+            append_feature(belief, INVERSE_DEPTH, mean, J, 0.01 * np.eye(6))
         elif choice == 1 and count:
             remove_feature(belief, rng.integers(count))
         elif choice == 2 and count:
@@ -158,7 +124,7 @@ def test_shifting_the_mean_adds_the_tangent_but_leaves_an_inverse_depth_positive
     before = belief_of(kinds)
     after, delta = copied(before), 0.05 * np.random.default_rng(2).standard_normal(before.state.dim)
     shift_mean(after, delta)
-    np.testing.assert_allclose(mean_difference(after, before), delta, atol=1e-13)
+    np.testing.assert_allclose(support.mean_difference(after, before), delta, atol=1e-13)
     for feature in features_of(after)[features_of(after)["kind"] == INVERSE_DEPTH]:
         delta[feature["start"] + 5] = -10.0
     shift_mean(after, delta)
@@ -171,7 +137,7 @@ def test_propagation_is_the_textbooks(kinds: list[int]) -> None:
     """The camera's rows by F and Q, the cross-covariances by F, and the map left alone."""
     rng = np.random.default_rng(4)
     belief = belief_of(kinds)
-    P, F, Q = joint_covariance(belief), rng.standard_normal((12, 12)), random_spd(rng, [0.1] * 12)
+    P, F, Q = joint_covariance(belief), rng.standard_normal((12, 12)), support.random_spd(rng, [0.1] * 12)
     whole = np.eye(len(P))
     whole[:12, :12] = F
     expected = whole @ P @ whole.T
@@ -180,8 +146,6 @@ def test_propagation_is_the_textbooks(kinds: list[int]) -> None:
     np.testing.assert_allclose(joint_covariance(belief), expected, rtol=1e-11, atol=1e-14)
     assert_well_laid(belief)
 
-
-# The compiled estimators: which keep what no camera can measure, and that a batch of each is the single --------------
 
 SHIFT = 0.03
 
@@ -215,15 +179,3 @@ def test_the_plain_filter_keeps_the_covariance_and_so_measures_a_turn() -> None:
     update_covariance(belief, np.zeros((0, len(delta))), delta)
     np.testing.assert_allclose(joint_covariance(belief), before, rtol=1e-14)
     assert np.abs(dense_H(sight_of(belief)) @ N).max() > 1.0
-
-
-@pytest.mark.parametrize("name", COMPILED[1:])
-def test_a_batch_is_the_single_to_the_bit(name: str) -> None:
-    seeds = [TRAINING_SEED, TRAINING_SEED + 1]
-    given = {"scenario": {"estimator": name}, "duration": 3.0, "end_when_lost": False}
-    many = gym.make_vec("ActiveSLAM-v0", num_envs=2, num_threads=1, autoreset_mode="DISABLED", **given)
-    batch = play(many, baselines.make("sweep", many), seeds)
-    one = gym.make("ActiveSLAM-v0", **given)
-    single = play(one, baselines.make("sweep", one), seeds[1:])[0]
-    np.testing.assert_array_equal(batch[1].log_score, single.log_score)
-    assert single.landmarks_mapped[-1] > 0

@@ -9,22 +9,8 @@ from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, RHO
 from activeslam_gym.slam.filter import Filter, detections_of
 from activeslam_gym.slam.kalman import correct
 from activeslam_gym.slam.sight import predict_pixel, sight_with
-from tests.support import (
-    CAMERA,
-    NO_BOXES,
-    NO_FIDUCIALS,
-    PAPER,
-    copied,
-    joint_covariance,
-    mean_difference,
-    moved,
-    pixel_of,
-    random_belief,
-    random_camera,
-    sight_of,
-    update,
-    world_points,
-)
+from tests import support
+from tests.support import CAMERA, NO_FIDUCIALS, PAPER, copied, joint_covariance, pixel_of, random_belief, sight_of
 
 SEEDS = pytest.mark.parametrize("seed", range(12))
 
@@ -35,10 +21,10 @@ def test_where_the_measurement_is_straight_the_correction_is_the_update() -> Non
     belief.covariance[:] *= 1e-4
     once, sight = copied(belief), sight_of(belief)
     nu = 0.1 * rng.standard_normal(len(sight.S))
-    assert update(once, sight.HP.copy(), sight.S.copy(), nu.copy())
+    assert support.update(once, sight.HP.copy(), sight.S.copy(), nu.copy())
     z = sight.point["z_hat"].ravel() + nu
     assert correct(CAMERA, belief, NO_FIDUCIALS, sight._replace(point=sight.point.copy()), z)
-    np.testing.assert_allclose(mean_difference(belief, once), 0.0, atol=1e-14)
+    np.testing.assert_allclose(support.mean_difference(belief, once), 0.0, atol=1e-14)
     np.testing.assert_allclose(joint_covariance(belief), joint_covariance(once), rtol=1e-12, atol=1e-18)
 
 
@@ -46,16 +32,17 @@ def test_where_the_measurement_is_straight_the_correction_is_the_update() -> Non
 def test_a_large_correction_ends_where_the_pixels_are(seed: int) -> None:
     """Points known to be somewhere near, seen without noise: the iterated mean explains them, one update does not."""
     rng = np.random.default_rng(seed)
-    camera = random_camera(rng)
-    fiducials = world_points(rng, camera, 8, (1.0, 2.5))
+    camera = support.random_camera(rng)
+    fiducials = support.world_points(rng, camera, 8, (1.0, 2.5))
     belief = random_belief(PAPER, [], rng, camera)
     belief.covariance[:12, :12] = np.diag([0.3**2] * 3 + [0.2**2] * 3 + [1e-6] * 6)
-    true = moved(camera, np.concatenate((rng.choice([-0.2, 0.2], 3), rng.choice([-0.12, 0.12], 3), np.zeros(6))))
+    offset = np.concatenate((rng.choice([-0.2, 0.2], 3), rng.choice([-0.12, 0.12], 3), np.zeros(6)))
+    true = support.moved(camera, offset)
     z = np.array([pixel_of(CAMERA, true, y) for y in fiducials]).ravel()
     points, once = sight_of(belief, fiducials).point, copied(belief)
     sight = sight_with(points, belief.covariance, belief.state.dim)
     assert len(points) == 8
-    update(once, sight.HP.copy(), sight.S.copy(), z - sight.point["z_hat"].ravel())
+    support.update(once, sight.HP.copy(), sight.S.copy(), z - sight.point["z_hat"].ravel())
     assert correct(CAMERA, belief, fiducials, sight, z)
     errors = [np.linalg.norm(one.state.camera[:3] - true[:3]) for one in (belief, once)]
     assert errors[0] < 0.02 and errors[0] < 0.5 * errors[1]
@@ -88,7 +75,9 @@ def test_what_the_line_leaves_out_is_in_the_noise() -> None:
     H, said, left = point["H_camera"][0, 0, 0], point["z_hat"][0, 0], []
     for x, d_rho in rng.multivariate_normal([0.0, 0.0], correlated, 20_000):
         belief.state.camera[0], feature.mean[RHO] = x, max(0.5 + d_rho, 0.01)
-        assert predict_pixel(View(CAMERA, belief.state.camera, np.eye(3), NO_BOXES), belief, NO_FIDUCIALS, point[0])
+        assert predict_pixel(
+            View(CAMERA, belief.state.camera, np.eye(3), support.NO_BOXES), belief, NO_FIDUCIALS, point[0]
+        )
         left.append(point["z_hat"][0, 0] - said - H * x)
     assert np.var(left) == pytest.approx(point["curvature"][0, 0, 0], rel=0.1)
     assert point["curvature"][0, 0, 0] > 2.0
@@ -122,8 +111,8 @@ def test_a_product_of_errors_that_lasts_is_counted_once(command_known: bool, low
 def test_a_correction_of_a_metre_and_a_radian_leaves_a_belief(seed: int) -> None:
     """Pixels up to 150 px away from what so vague a camera predicts, of which some can have no common cause."""
     rng = np.random.default_rng(seed)
-    camera = random_camera(rng)
-    fiducials = world_points(rng, camera, 6, (1.0, 2.5))
+    camera = support.random_camera(rng)
+    fiducials = support.world_points(rng, camera, 6, (1.0, 2.5))
     belief = random_belief(PAPER, [], rng, camera)
     belief.covariance[:12, :12] = np.diag([1.0**2] * 3 + [0.6**2] * 3 + [1e-6] * 6)
     sight = sight_of(belief, fiducials)

@@ -12,14 +12,14 @@ from activeslam_gym.geometry import so3_left_jacobian
 from activeslam_gym.kernels import filled, record
 from activeslam_gym.motion import MOTION, motion_of
 from activeslam_gym.slam.association import associate, match_by_id, match_unknown
-from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, RAY, fiducial_id
+from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, RAY
 from activeslam_gym.slam.depth_particles import follow_rays, predict_rays
 from activeslam_gym.slam.detection import NEW, REJECTED, UNASSOCIATED, WAITS
 from activeslam_gym.slam.filter import COUNTS, FILTER, detections_of, filter_of
 from activeslam_gym.slam.kalman import predict
 from activeslam_gym.slam.kalman import update as update_by_matches
 from activeslam_gym.slam.map import convert_and_delete, convert_to_point, count_misses, initialise
-from activeslam_gym.slam.sight import INSIDE, PRODUCT_FRAMES
+from activeslam_gym.slam.sight import PRODUCT_FRAMES
 from tests import support
 from tests.support import CAMERA, NO_BOXES, PAPER, copied, dense_H, joint_covariance, random_belief, sight_of, update
 
@@ -151,17 +151,6 @@ def two_points(separation_px: float = 60.0, std: float = 0.005, yaw_std: float =
     return belief, sight_of(belief).point["z_hat"]
 
 
-def test_clear_and_labelled_matches_are_made_in_any_order() -> None:
-    belief, z = two_points()
-    assert (sight_of(belief).point["visibility"] == INSIDE).all()
-    assert match(belief, z + 1.0)[0] == [1, 2]
-    assert match(belief, z[::-1] + 1.0)[0] == [2, 1]
-    # Labelled ones are what they say, however far they are; one without an id is of nothing known.
-    detections = detections_at(np.stack((z[0] + 50.0, z[1], z[0])), ids=[2, UNASSOCIATED, 1])
-    assert match_by_id(sight_of(belief), detections).tolist() == [2, 0]
-    assert detections["match"].tolist() == [2, NEW, 1]
-
-
 @pytest.mark.parametrize("scale", [0.25, 1.0, 9.0])
 def test_a_detection_outside_every_gate_is_new_and_one_at_the_edge_of_the_wide_one_waits(scale: float) -> None:
     """The gates are those of its own noise: ``scale`` times the camera's."""
@@ -185,41 +174,10 @@ def test_an_ambiguous_detection_waits_unless_its_id_or_its_looks_decide() -> Non
         assert match(belief, pixels, ids=1, log_ratios=ratios)[0] == expected
 
 
-def test_an_id_restricts_but_does_not_command() -> None:
-    """Where it is not, or where there is no such prediction, a detection with an id is nothing that is known."""
-    belief, z = two_points()
-    assert match(belief, z, ids=[2, UNASSOCIATED])[0] == [NEW, 2]
-    assert match(belief, z, ids=[2, 1])[0] == [NEW, NEW]
-    assert match(belief, z, ids=[99, fiducial_id(0)])[0] == [NEW, NEW]
-    # Of several detections of one id at most one is taken.
-    far = np.array([0.0, np.sqrt(1.1 * NEW_FEATURE_GATE * sight_of(belief).S[1, 1])])
-    assert match(belief, np.stack((z[0] + far, z[0] + 0.5, z[0] - far)), ids=1)[0] == [NEW, 1, NEW]
-    found, waits = match(belief, np.stack((z[0] + 0.5, z[0] - 0.5)), ids=1)
-    assert found == [REJECTED, REJECTED] and waits.tolist() == [True, False]
-
-
-def test_vague_rows_are_matched_together() -> None:
-    """Two points that the camera's rotation makes vague alike: one detection waits, both explain each other."""
-    belief, z = two_points(12.0, std=0.002, yaw_std=np.radians(3.0))  # about 10 px, for both alike
-    shift = np.array([8.0, 0.0])
-    assert match(belief, z[:1] + shift)[0] == [REJECTED]
-    assert match(belief, z + shift)[0] == [1, 2]
-
-
-def a_ray():
-    """A belief about one ray, and the pixel of the particle in its middle."""
-    belief = random_belief(support.scenario_for([RAY]), [RAY], np.random.default_rng(4))
-    return belief, predict_rays(CAMERA, belief, NO_BOXES).z_hat[0, PAPER.particle_count // 2].copy()
-
-
-def follow(belief, detections, labelled: bool = False):
-    follow_rays(CAMERA, MODEL.particles, belief, NO_BOXES, detections, labelled)
-    return detections["match"].tolist()
-
-
 def test_a_labelled_ray_is_weighed_by_its_own_detection_alone() -> None:
     """Bayes on the particles once the camera has moved: the weights are the textbook's likelihoods."""
-    belief, pixel = a_ray()
+    belief = random_belief(support.scenario_for([RAY]), [RAY], np.random.default_rng(4))
+    pixel = predict_rays(CAMERA, belief, NO_BOXES).z_hat[0, PAPER.particle_count // 2].copy()
     ray, R = belief.feature[0], np.array([[9.0, 2.0], [2.0, 5.0]])
     ray.weighed_at[:] = 100.0
     rays, weights = predict_rays(CAMERA, belief, NO_BOXES), belief.particles[ray.slot, :, 1]
@@ -230,7 +188,8 @@ def test_a_labelled_ray_is_weighed_by_its_own_detection_alone() -> None:
     detections = detections_at(np.stack((pixel, pixel + 3.0)), ids=[UNASSOCIATED, 1], R=np.stack((R_PAPER, R)))
     match_by_id(sight_of(belief), detections)
     belief.state.frame = 5
-    assert follow(belief, detections, labelled=True) == [NEW, 1]
+    follow_rays(CAMERA, MODEL.particles, belief, NO_BOXES, detections, True)
+    assert detections["match"].tolist() == [NEW, 1]
     assert (ray.seen, ray.misses) == (5, 0)
     np.testing.assert_allclose(weights, expected / expected.sum(), rtol=1e-9, atol=1e-300)
 
@@ -250,21 +209,6 @@ def frame(belief, pixels, scenario: Scenario = PAPER):
     counts = use(models, belief, support.NO_FIDUCIALS, NO_BOXES, sight_of(belief), detections)
     initialise(models, belief, detections, counts)
     return counts
-
-
-def test_a_contact_leaves_open_how_much_of_the_speed_is_left() -> None:
-    belief = still_belief()
-    belief.state.camera[7:10] = (0.3, 0.0, -0.2)
-    u, motion, free = np.array([2.0, 0.0, 0.0, 5.0, 5.0, 5.0]), motion_of(PAPER, 1.0), copied(belief)
-    predict(motion, free, u, 0.05, False)
-    predict(motion, belief, u, 0.05, True)
-    grown = np.zeros((6, 6))
-    grown[3, 3], grown[5, 5] = 0.4**2, 0.2**2
-    F = np.block([[np.eye(3), 0.05 * np.eye(3)], [np.zeros((3, 3)), np.eye(3)]])
-    linear = [0, 1, 2, 6, 7, 8]
-    np.testing.assert_allclose(
-        (belief.covariance - free.covariance)[np.ix_(linear, linear)], F @ grown @ F.T, atol=1e-15
-    )
 
 
 @pytest.mark.parametrize("initialisation, kind", [(BY_INVERSE_DEPTH, INVERSE_DEPTH), ("depth_particles", RAY)])
@@ -291,13 +235,7 @@ def test_a_feature_out_of_sight_is_deleted_if_it_is_no_point(kind: int, kept: bo
     assert belief.state.count == int(kept)
 
 
-def test_a_full_map_initialises_nothing_and_what_a_known_box_hides_is_not_expected() -> None:
-    belief = still_belief()
-    grid = [[20.0 + 24.0 * i, 20.0 + 28.0 * j] for i in range(12) for j in range(8)]
-    for _ in range(5):
-        frame(belief, grid)
-    assert 20 < belief.state.count <= len(belief.feature)
-    frame(belief, [[5.0, 5.0]])
+def test_what_a_known_box_hides_is_not_expected() -> None:
     belief, _ = two_points()
     wall = np.array([[[-0.9, -1.0, 1.0], [-0.2, 1.0, 1.1]]])  # before the second
     assert sight_of(belief, boxes=wall).point["id"].tolist() == [1]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from activeslam_gym.camera import View, pixel_jacobian, ray_from_pixel, ray_jacobian
-from activeslam_gym.geometry import quaternion_exp, rotation_matrix
+from activeslam_gym.geometry import quaternion_exp, rotation_error, rotation_matrix
 from activeslam_gym.metrics import camera_error
 from activeslam_gym.motion import motion_of, process_covariance, transition, transition_jacobian
 from activeslam_gym.slam import belief as layout
@@ -19,16 +19,7 @@ from activeslam_gym.slam.kalman import update_covariance
 from activeslam_gym.slam.map import add_landmark
 from activeslam_gym.slam.sight import inverse_depth_measurement, point_measurement
 from tests import support
-from tests.support import (
-    CAMERA,
-    PAPER,
-    joint_covariance,
-    moved,
-    numerical_jacobian,
-    pixel_of,
-    random_camera,
-    relative_error,
-)
+from tests.support import CAMERA, PAPER, joint_covariance, moved, numerical_jacobian, pixel_of, random_camera
 
 MOTION = motion_of(PAPER, 1.0)
 TOLERANCE = 1e-6
@@ -76,7 +67,7 @@ def process_noise(rng: np.random.Generator) -> Case:
     model = support.replaced(MOTION, filter_acceleration_std=0.5, filter_angular_acceleration_std=0.7)
     G = numerical_jacobian(case.f, 6, case.step)
     Q = G @ np.diag([0.5**2] * 3 + [0.7**2] * 3) @ G.T
-    assert relative_error(process_covariance(model, F_x, MOTION.dt), Q) < TOLERANCE
+    assert support.relative_error(process_covariance(model, F_x, MOTION.dt), Q) < TOLERANCE
     return case
 
 
@@ -88,9 +79,9 @@ def recentring(rng: np.random.Generator) -> Case:
     update_covariance(belief, np.zeros((0, len(P))), delta)
     P_new, turn = joint_covariance(belief), quaternion_exp(phi)
     found = P_new[3:6, :3] @ np.linalg.inv(P[3:6, :3])
-    case = Case(lambda e: support.rotation_between(quaternion_exp(phi + e), turn), found)
+    case = Case(lambda e: rotation_error(quaternion_exp(phi + e), turn), found)
     J[3:6, 3:6] = numerical_jacobian(case.f, 3, case.step)
-    assert relative_error(P_new, J @ P @ J.T) < TOLERANCE
+    assert support.relative_error(P_new, J @ P @ J.T) < TOLERANCE
     return case
 
 
@@ -200,7 +191,7 @@ CASES = [f for f in vars().copy().values() if isfunction(f) and [*f.__annotation
 def test_jacobian_is_the_numerical_one(make: Callable[[np.random.Generator], Case], seed: int) -> None:
     case = make(np.random.default_rng(seed))
     numerical = numerical_jacobian(case.f, case.analytic.shape[1], case.step)
-    assert relative_error(case.analytic, numerical) < TOLERANCE
+    assert support.relative_error(case.analytic, numerical) < TOLERANCE
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -220,4 +211,4 @@ def test_ellipse_of_a_rays_particle_is_the_numerical_one(seed: int) -> None:
         H = np.zeros((2, len(P)))
         H[:, [*range(6), *at]] = numerical_jacobian(pixel, 11, 1e-3)
         np.testing.assert_allclose(rays.z_hat[0, k], pixel(np.zeros(11)), atol=1e-9)
-        assert relative_error(rays.S[0, k], H @ P @ H.T + CAMERA.pixel_std**2 * np.eye(2)) < TOLERANCE
+        assert support.relative_error(rays.S[0, k], H @ P @ H.T + CAMERA.pixel_std**2 * np.eye(2)) < TOLERANCE

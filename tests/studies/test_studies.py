@@ -3,7 +3,6 @@
 import csv
 import json
 import re
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +19,8 @@ from activeslam_gym.information.candidates import motion_plans, score_plans
 from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.metrics import CLOSURE_GAP, LoopClosures
 from agents import task as tasks
-from agents.summary import aggregate
 from examples.extend_range_sensor import RangeSensor
-from studies import consistency, learning, measures, paper, settings_of, upper_reference
+from studies import consistency, measures, paper, settings_of
 from studies.removals import REMOVALS
 from studies.worth import compared
 from tests.agents.test_compare import episode
@@ -32,7 +30,7 @@ pytest.importorskip("tyro", reason="the extra `compare` is not installed")
 
 from activeslam_gym.geometry import rotation_error
 from activeslam_gym.live.session import Session
-from activeslam_gym.live.source import FOLLOW, ROOM, STILL, RenderedRoom
+from activeslam_gym.live.source import ROOM, STILL, RenderedRoom
 from activeslam_gym.live.trial import Evaluator, trial
 from activeslam_gym.metrics import camera_error, write_tum
 from activeslam_gym.slam.estimate import taken_estimate
@@ -53,7 +51,6 @@ def test_consistency_fills_its_page_and_plays_no_episode_twice(tmp_path: Path, m
     assert "python -m studies.consistency --policies sweep --episodes 2 --" in page.read_text()
     table = list(csv.DictReader((tmp_path / "consistency.csv").open()))
     assert [row["variant"] for row in table] == variants and float(table[0]["landmark_nees_35s"]) > 0.0
-    assert (tmp_path / "images" / "nees.png").stat().st_size > 1000
 
 
 def test_a_scenario_with_a_part_of_ones_own_is_named_in_settings(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -109,14 +106,8 @@ def test_numbers_of_made_up_episodes() -> None:
     events = {"initialised": np.array([1, 0, 0, 0])}
     one = episode(actions=actions, motion_read=np.ones(4, bool), events=events)  # a step is 0.5 s
     assert measures.share([one], measures.LATERAL) == 50.0
-    assert (
-        measures.share([one], measures.LATERAL, until=1.0) == 50.0
-        and measures.share([one], [Motion.UP], until=0.5) == 0
-    )
+    assert measures.share([one], [Motion.UP], until=0.5) == 0
     assert measures.share([one], measures.LATERAL, after="initialised") == 100.0
-    assert np.isnan(
-        measures.share([replace(one, events={"initialised": np.zeros(4)})], [Motion.UP], after="initialised")
-    )
     assert measures.within([episode()]) == 100.0
     assert measures.nearest([episode()]) == pytest.approx(0.0)
     nees = episode(position_nees=np.full(5, 3.0), landmark_nees=np.array([np.nan, np.nan, 1.0, 2.0, 3.0]))
@@ -169,48 +160,6 @@ def test_the_command_fills_its_page(tmp_path: Path) -> None:
     assert pictures == {"maps", "entropies", "errors", "live"}
 
 
-def test_a_search_in_the_true_room_is_no_worse_than_what_it_tried_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    given = {"autoreset_mode": "DISABLED", "gaze_period": 1.0, "end_when_lost": False}
-    env = gym.make_vec("ActiveSLAM-v0", num_envs=16, scenario="office", duration=3.0, **given)
-    held = np.array([(motion, gaze) for motion in range(7) for gaze in range(3)])[:16]
-    scores = upper_reference.play(env, 7, np.repeat(held[:, None], 3, axis=1))
-    np.testing.assert_array_equal(scores, upper_reference.play(env, 7, np.repeat(held[:, None], 3, axis=1)))
-    found = []
-    for generations in (1, 6):
-        monkeypatch.setattr(upper_reference, "GENERATIONS", generations)
-        found.append(upper_reference.search(env, 7, 3))
-    assert found[0] < found[1] and found[1] > np.median(scores)
-    env.close()
-
-
-def test_learning_curves_are_read_by_seed_and_held_against_the_best_baseline(tmp_path: Path) -> None:
-    for seed, scores in enumerate(((100.0, 300.0), (150.0, 200.0))):
-        (tmp_path / f"ppo-{seed}").mkdir()
-        lines = [f"{1000 * k},1,office,8,{score},0.25,1.0" for k, score in enumerate(scores)]
-        header = "decisions,seconds,scenario,episodes,log_score,failures,policy_entropy"
-        (tmp_path / f"ppo-{seed}" / "curve.csv").write_text("\n".join([header, *lines]) + "\n")
-    curves = learning.read_curves([tmp_path])
-    policies = {"office": {"mi-mi": aggregate([180.0] * 8, "IQM"), "generalist": aggregate([900.0] * 8, "IQM")}}
-    assert learning.rows_of(curves, policies) == [["`office`", "ppo", "2", "1,000", "250 [200, 300]", "25.0"]]
-    policies["office"]["mi-mi"] = aggregate([250.0] * 8, "IQM")
-    assert learning.rows_of(curves, policies)[0][3] == "1 of 2 seeds do"
-    with pytest.raises(ValueError, match="nothing; allowed: those with a curve.csv"):
-        learning.read_curves([tmp_path, tmp_path / "nothing"])
-
-
-# The live page's advice -----------------------------------------------------------------------------------------------
-
-
-def test_the_evaluator_sees_the_ground_truth() -> None:
-    guided = trial(5, FOLLOW, 3.0)
-    assert [round(one.time, 6) for one in guided] == [1.0, 2.0, 3.0]
-    assert all(np.isfinite(one.log_score) for one in guided)
-    assert guided[-1].position_error < 0.2 and not guided[-1].lost
-    assert guided[-1].log2_det_total < guided[0].log2_det_total
-    still = trial(5, STILL, 1.0)
-    assert still[0].log2_det_total == pytest.approx(guided[0].log2_det_total, abs=1e-6)  # no advice yet
-
-
 def test_a_camera_that_stays_does_not_grow_sure_of_what_it_sees_wrong() -> None:
     """Each template has an error that is the same in all images of one view: they tell no more than a few of them."""
     assert min(one.log_score for one in trial(4_305_200_005, STILL, 8.0)) > 200.0
@@ -251,9 +200,6 @@ def test_the_command_fills_its_page_and_makes_no_episode_twice(tmp_path: Path, m
     monkeypatch.setattr(live, "trial", lambda *task: again.append(task) or trial(*task))
     live.main(args)
     assert again == [(9, STILL, 2.0)] and page.read_text() == text
-
-
-# Tracks along recorded motions ----------------------------------------------------------------------------------------
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,14 +11,12 @@ from scipy.spatial.transform import Rotation
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
 
-from activeslam_gym.__main__ import main, parser
+from activeslam_gym.__main__ import main
 from activeslam_gym.geometry import quaternion_exp, rotation_matrix
 from activeslam_gym.live import source as live_source
 from activeslam_gym.live.device import Device
-from activeslam_gym.live.run import source_of
 from activeslam_gym.live.source import GuidanceError
-from activeslam_gym.vision import board
-from activeslam_gym.vision.board import BOARD, BoardCalibration, View, find_board, fit_lens
+from activeslam_gym.vision.board import BOARD, View, find_board, fit_lens
 from activeslam_gym.vision.drawing import printed, printed_value
 from activeslam_gym.vision.first_sight import seen_corners
 from activeslam_gym.vision.other_lenses import Lens, lens_from, projected_by, read_lens
@@ -85,13 +84,6 @@ def pinhole(seed: int, noise_px: float, bend: float = 0.0, tilt: float = 0.6) ->
     return views
 
 
-def test_the_fit_is_exact_on_exact_corners() -> None:
-    fit = fit_lens(EXACT, 320, 240)
-    np.testing.assert_allclose(fit.calibration[2:5], LENS[2:5], atol=1e-3)
-    assert fit.calibration.distortion == pytest.approx(LENS.distortion, rel=1e-3)
-    assert fit.residual_px < 1e-4
-
-
 @pytest.mark.parametrize("noise_px", [0.1, pytest.param(0.5, marks=pytest.mark.slow)])
 def test_repeated_fits_spread_as_they_claim(noise_px) -> None:
     rng, lenses, stds = np.random.default_rng(7), [], []
@@ -137,28 +129,6 @@ def test_boards_that_all_face_the_camera_do_not_tell_the_lens() -> None:
         fit_lens(pinhole(1, 0.1, 4e-7, tilt=0.0), 640, 480)
 
 
-@pytest.mark.parametrize("pattern", [chessboard, charuco])
-def test_a_board_in_a_large_picture_is_found_at_reduced_size(pattern, monkeypatch) -> None:
-    image = photographed(POSES[1], pattern)
-    whole = {tuple(point): pixel for point, pixel in zip(*find_board(image, pattern.__name__, COLUMNS, ROWS))}
-    monkeypatch.setattr(board, "_SEARCHED", 280)
-    found = {tuple(point): pixel for point, pixel in zip(*find_board(image, pattern.__name__, COLUMNS, ROWS))}
-    both = whole.keys() & found.keys()
-    assert len(both) >= 10
-    assert np.sqrt(np.mean([(whole[point] - found[point]) ** 2 for point in both])) < 0.15
-
-
-def test_too_few_pictures_of_the_board_are_refused(tmp_path, capsys) -> None:
-    for k, picture in enumerate((photographed(POSES[0], chessboard), FLAT, FLAT)):
-        cv2.imwrite(str(tmp_path / f"{k}.png"), picture)
-    arguments = ["calibrate", "--images", str(tmp_path), "--columns", "7", "--rows", "5"]
-    assert main([*arguments, "--out", str(tmp_path / "lens.json")]) == 2
-    assert "found in 1 pictures; 3 or more" in capsys.readouterr().err
-    assert main([*arguments, "--kind", "dots", "--out", str(tmp_path / "lens.json")]) == 2
-    assert "kind must be one of chessboard, charuco" in capsys.readouterr().err
-    assert find_board(FLAT, "charuco", 7, 5) is None
-
-
 def test_hidden_files_and_folders_are_no_images_and_other_endings_are_reported(tmp_path, capsys) -> None:
     for name in ("0.png", "1.webp", ".2.png"):
         cv2.imwrite(str(tmp_path / name), FLAT)
@@ -170,25 +140,13 @@ def test_hidden_files_and_folders_are_no_images_and_other_endings_are_reported(t
     assert len(list(images_of(f"{tmp_path}/*.png", 30.0).frames)) == 1
 
 
-class Stopping:
-    """A camera that gives two colour images and stops."""
-
-    def __init__(self, number: int) -> None:
-        self.left = 2 if number == 0 else 0
-
-    def isOpened(self) -> bool:  # noqa: N802
-        return self.left > 0
-
-    def read(self):
-        self.left -= 1
-        return self.left >= 0, np.full((4, 6, 3), (10, 20, 30), np.uint8)
-
-    def release(self) -> None:
-        self.left = 0
-
-
 def test_a_live_camera_gives_grey_images_until_it_stops(monkeypatch) -> None:
-    monkeypatch.setattr(cv2, "VideoCapture", Stopping)
+    def camera(number: int) -> SimpleNamespace:
+        reads = iter([(True, np.full((4, 6, 3), (10, 20, 30), np.uint8))] * 2)
+        opened = number == 0
+        return SimpleNamespace(isOpened=lambda: opened, read=lambda: next(reads, (False, None)), release=lambda: None)
+
+    monkeypatch.setattr(cv2, "VideoCapture", camera)
     frames = images_of("camera:0", 30.0).frames
     (first, image), (second, _) = next(frames), next(frames)
     assert image.shape == (4, 6) and first <= second
@@ -236,8 +194,6 @@ def test_the_legacy_pattern_of_a_charuco_board_is_found_or_named(tmp_path) -> No
     with pytest.raises(ValueError, match='pattern of kind "charuco-legacy"'):
         seen_corners(image, CAMERA, target_from({"kind": "charuco", **fields}))
 
-
-# A person who follows the guidance waves a board ----------------------------------------------------------------------
 
 LARGE = enlarged(LENS, 2)
 PICTURE = printed(BOARD)
@@ -292,20 +248,3 @@ def test_one_who_follows_the_guidance_calibrates_and_the_lens_is_used_at_once(
     assert np.hypot(fit.principal_x_px - LARGE.principal_x_px, fit.principal_y_px - LARGE.principal_y_px) < 4.0
     asked = {name for name in (*PLACES, *TILTS) if any(name in one for one in heard)}
     assert asked & set(PLACES) and asked & set(TILTS)
-
-
-def test_a_board_that_moves_fast_or_not_at_all_gives_no_view(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(vision_scene, "LENS", LARGE)
-    here, there = (board_from(pose_at((x, 0.0, 0.4))) for x in (0.0, 0.05))
-    board_calibration = BoardCalibration()
-    assert [board_calibration.add(image) for image in (here, there, here)] == ["Move more slowly (0 views so far)."] * 3
-    assert all("(1 views so far)" in board_calibration.add(here) for _ in range(3)) and board_calibration.fit is None
-
-
-def test_the_command_takes_a_known_lens_or_calibrates(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(Device, "_warm_up", lambda self: None)
-    lens = tmp_path / "lens.json"
-    lens.write_text(json.dumps(LARGE._asdict()))
-    for option, calibrates in (("--calibration", False), ("--calibrate", True)):
-        source = source_of(parser().parse_args(["live", "--source", "browser", option, str(lens)]))
-        assert isinstance(source, Device) and source.calibrating == calibrates

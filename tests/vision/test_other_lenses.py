@@ -84,16 +84,6 @@ def test_skew_moves_the_pixels() -> None:
         assert moved[0][0] - moved[1][0] == pytest.approx(7.0 * (np.arctan(0.3) if fisheye else 0.3))
 
 
-def test_a_fisheye_that_looks_aside_is_straightened(tmp_path: Path) -> None:
-    (tmp_path / "cameras.txt").write_text("1 OPENCV_FISHEYE 848 800 285 286 424.5 400.5 -0.01 0.02 -0.03 0.01\n")
-    calibration, straighten = lens_from(tmp_path / "cameras.txt")
-    assert straighten((0.0, np.full((800, 848), 200, np.uint8)))[1].min() == 200
-    assert calibration.distortion > 2e-6
-
-
-# The files of many programs -------------------------------------------------------------------------------------------
-
-
 K = "[500, 0, 310, 0, 502, 245, 0, 0, 1]"
 
 
@@ -181,10 +171,8 @@ def test_the_same_lens_is_read_from_every_program(fisheye: bool, name: str, text
 
 
 def test_what_opencv_alone_can_hold_is_read(tmp_path: Path) -> None:
-    none = lens_in("cam0:\n" + KALIBR.format("pinhole", "none", "[]"), tmp_path)
-    assert not none.fisheye and not none.coefficients.any()
     skewed = lens_in(ROS.format("plumb_bob", RADIAL, K.replace("500, 0", "500, 0.0005")), tmp_path)
-    assert skewed.matrix[0, 1] == lens_in(json.dumps(FX | {"skew": 0.0005}), tmp_path).matrix[0, 1] == 0.0005
+    assert skewed.matrix[0, 1] == 0.0005
     prism = lens_in(ROS.format("''", "[0.1, -0.05, 0, 0, 0.01, 0.2, -0.03, 0.004, 0.01, 0, 0, 0, 0, 0]", K), tmp_path)
     assert prism.coefficients.tolist() == [0.1, -0.05, 0.0, 0.0, 0.01, 0.2, -0.03, 0.004, 0.01, 0.0, 0.0, 0.0]
     assert lens_in("7 SIMPLE_RADIAL_FISHEYE 640 480 500 310 245 0.1", tmp_path).coefficients.tolist() == [0.1, 0, 0, 0]
@@ -209,26 +197,16 @@ def test_a_camera_is_chosen_by_name_or_number(camera: str, tmp_path: Path) -> No
         (KALIBR.format("pinhole", "radtan", RADIAL).replace("distortion_coeffs", "distorsion_coeffs"), "distorsion"),
         (KALIBR.format("fisheye", "radtan", RADIAL), "contradict"),
         (CAMODOCAL.format("MEI", BENT, FOUR), "MEI"),
-        (BASALT.format("ds"), "ds"),
         (EIGHT.replace("k4", "p1"), "p1"),
         (ROS.format("equidistant", "[0.1, 0.1, 0.1, 0.1, 0.1]", K), "5 coefficients"),
         (ROS.format("plumb_bob", RADIAL, K) + ROI.format(2, 0, 0, 0, 0), "binning_x"),
-        (ROS.replace("480", "480.5").format("plumb_bob", RADIAL, K), "480.5"),
         *((json.dumps(FX | {name: [0.1, 0.2]}), name) for name in ("distortion", "coeffs", "radial", "alpha", "t1")),
-        *((json.dumps(FX | {name: "fov"}), "'fov'") for name in ("lens_model", "distortion", "projection")),
+        (json.dumps(FX | {"lens_model": "fov"}), "'fov'"),
         (json.dumps(FX | {"fx": 0.78}), "focal lengths .* 0.78"),
         (json.dumps(FX | {"fx": "500,5"}), "fx must be finite numbers, got '500,5'"),
-        (json.dumps(FX | {"width": 0}), r"image_width .*\[0.0, 480.0\]"),
         (json.dumps(FX | {"D": [0.1, 0.1, 0, 0, 0.1, 0.1]}), "6 coefficients"),
-        (json.dumps({"resolution": 0.5, "cameras": [{"K": json.loads(K), "D": []}]}), "0.5"),
-        (json.dumps({"camera1": {}, "a": 1, "a.b": 2}), "mapping"),
         ('{"fx": 500, "fx": 502}', "fx is there twice"),
-        (ROS.format("plumb_bob", RADIAL, K) + "D: []\n", "D is there twice"),
         (ROS.format("plumb_bob", RADIAL, K) + "---\n" + ROS.format("plumb_bob", "[]", K), "they differ"),
-        (ROS.format("plumb_bob", RADIAL, K) + "roi: {width: 320, height: 240}\n", "x_offset"),
-        ("model_type: SCARAMUZZA\npoly_parameters:\n   p0: -110\n", "missing; .* SCARAMUZZA"),
-        ("458 457 367 248 0\n752 480\ncrop\n640 480\n", "camera_matrix"),
-        ("xi: 1.2\n" + ROS.format("", RADIAL, K), "xi"),
         ("# a comment\n\n3 SIMPLE_DIVISION 640 480 500 320 240 0.9\n" + RADIAL_FILES["colmap"], "SIMPLE_DIVISION"),
         ('{"w": 640, "h": 480, "fl_x": 500, "fl_y": 500, "cx": 320, "cy": 240, "camera_model": "OPENCV"}', "COLMAP"),
         ("a: &a [*a]\n", "recursive"),

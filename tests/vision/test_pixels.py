@@ -1,6 +1,5 @@
 """``ActiveSLAMPixels-v0``: the same environment, and images for a sensor."""
 
-import copy
 import dataclasses
 import sys
 import warnings
@@ -15,6 +14,7 @@ from activeslam_gym import SCENARIOS
 from activeslam_gym.camera import camera_point, pixel_from_camera_point
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.motion import QUATERNION, Gaze, Motion
+from tests.support import moments
 
 pytest.importorskip("cv2")
 
@@ -23,23 +23,11 @@ ACTIONS = [(Motion.LEFT, Gaze.STAY)] * 6 + [(Motion.UP, Gaze.LEFT)] * 6
 LONG = {"gaze_period": 0.1, "motion_period": 0.2}
 
 
-def play(env: gym.Env, seed: int | None, actions=ACTIONS):
-    """Observations, rewards and infos of an episode's beginning."""
-    observation, info = env.reset(seed=seed)
-    seen, rewards, infos, ended = [observation], [], [info], False
-    for action in actions:
-        if not ended:
-            observation, reward, terminated, truncated, info = env.step(action)
-            ended = terminated or truncated
-            seen.append(observation), rewards.append(reward), infos.append(info)
-    return np.array(seen), np.array(rewards), infos
-
-
 @pytest.fixture(scope="module")
 def played():
     """An environment that has played all actions."""
     env = gym.make(NAME, **LONG)
-    return env, *play(env, 3)
+    return env, *moments(env, 3, ACTIONS)
 
 
 def test_it_is_a_gymnasium_environment_with_the_spaces_of_points() -> None:
@@ -52,22 +40,13 @@ def test_it_is_a_gymnasium_environment_with_the_spaces_of_points() -> None:
     np.testing.assert_array_equal(env.truth.position, points.unwrapped.truth.position)
 
 
-def test_the_same_seed_gives_the_same_run(played) -> None:
-    _, seen, rewards, infos = played
-    again = play(gym.make(NAME, **LONG), 3)
-    np.testing.assert_array_equal(seen, again[0])
-    np.testing.assert_array_equal(rewards, again[1])
-    assert infos == again[2]
-    assert not np.array_equal(play(gym.make(NAME, **LONG), 5, ACTIONS[:2])[0], seen[:3])
-
-
 def test_a_batch_is_its_single_environments_through_an_autoreset() -> None:
     arguments = {"gaze_period": 0.1, "motion_period": 0.2, "duration": 0.4}
     batch = gym.make_vec(NAME, num_envs=2, num_threads=2, **arguments)
     together = [batch.reset(seed=7)[0]] + [batch.step([action] * 2)[0] for action in ACTIONS[:8]]
     for i in range(2):
         env = gym.make(NAME, **arguments)
-        alone = [*play(env, 7 + i, ACTIONS[:8])[0], *play(env, None, ACTIONS[5:8])[0]]
+        alone = [*moments(env, 7 + i, ACTIONS[:8])[0], *moments(env, None, ACTIONS[5:8])[0]]
         np.testing.assert_array_equal(np.array(together)[:, i], alone[: len(together)])
     batch.close()
 
@@ -88,13 +67,6 @@ def test_the_images_tell_where_the_camera_is_by_matches_good_to_a_fraction_of_a_
     assert infos[-1]["entropy"] < infos[0]["entropy"] - 100.0, "bits"
     assert sum(info["events"]["initialised"] for info in infos[1:]) > 8
     assert sum(info["events"]["wrong_matches"] for info in infos[1:]) < 0.1 * 13 * len(infos), "a tenth of the matches"
-
-
-def test_a_copy_goes_on_alike_and_alone(played) -> None:
-    env = copy.deepcopy(played[0])
-    other = copy.deepcopy(env)
-    steps = [[one.step((Motion.STAY, Gaze.RIGHT))[0] for _ in range(2)] for one in (env, other)]
-    np.testing.assert_array_equal(*steps)
 
 
 @pytest.mark.parametrize(("field", "value"), [("start", "anywhere"), ("landmark_layout", "surfaces")])

@@ -11,11 +11,9 @@ from activeslam_gym.slam.sight import PREDICTED, Sight
 from activeslam_gym.vision.corners import new_corners
 from activeslam_gym.vision.search import SEARCH, Findings, search
 from activeslam_gym.vision.settings import FrontEndSettings
-from activeslam_gym.vision.target import target_from
 from activeslam_gym.vision.templates import TEMPLATE_SIDE, TemplateMap, empty_templates, predict_appearance, store
-from activeslam_gym.vision.track import follow
 from activeslam_gym.vision.views import projected, view_from
-from tests.vision_scene import CAMERA, LENS, image_from, path, plane_points, pose_at, target_fields, texture
+from tests.vision_scene import CAMERA, image_from, plane_points, pose_at, texture
 
 FIRST = pose_at((0.02, 0.01, 0.7))
 BEHIND, NOTHING = np.array((0.0, 0.0, -1.0)), np.zeros((0, 2))
@@ -82,17 +80,6 @@ def test_the_plane_of_a_feature_is_learned_from_other_views(pixel) -> None:
     assert angles[0] > 20.0 and angles[-1] < 3.0, angles
 
 
-@pytest.mark.parametrize(("area", "found"), [(20000.0, True), (500.0, False)])
-def test_of_a_large_ellipse_the_middle_is_searched(area: float, found: bool) -> None:
-    """The feature is 15 px beside its prediction, whose ellipse has 14 800 px^2."""
-    pixel, image, S = np.array((160.0, 120.0)), image_from(FIRST), 400.0 * np.eye(2)[None]
-    templates, point = stored(pixel, image)
-    model = filled(SEARCH, SETTINGS, gate=11.8, largest_area=area)
-    view, places = view_from(CAMERA, FIRST), np.array([0])
-    out = search(view, model, templates, image.astype(np.float32), places, point[None], pixel[None] + (15.0, 0.0), S)
-    assert (out.peaks[0] > 0 and np.abs(out.pixel[0, 0] - pixel).max() < 0.1) == found
-
-
 @pytest.mark.parametrize("angle", [0.0, 0.4, 1.1])
 def test_a_new_corner_is_where_the_edges_meet(angle) -> None:
     """The corners of a square: the place of greatest strength is up to 3 px away."""
@@ -138,15 +125,6 @@ def seen_at(gallery: TemplateMap, id: int, error: tuple[float, float]) -> None:
     gallery.remember_residuals(found, Sight(point, np.zeros((2, 12)), np.eye(2)))
 
 
-def test_a_feature_is_proven_after_so_many_matches(gallery) -> None:
-    for frame in range(9):
-        assert gallery.proven(gallery.places([7, 8, -1])).tolist() == [False, False, True]
-        searched_in(gallery, {7}, frame)
-    for frame in (9, 10):  # rounding decides at which of the two
-        searched_in(gallery, {7}, frame)
-    assert gallery.proven(gallery.places([7, 8, -1])).tolist() == [True, False, True]
-
-
 def test_what_comes_back_into_sight_has_to_prove_itself_again(gallery) -> None:
     """Where something else hides a feature, an edge of that may look like it."""
     for frame in range(20):
@@ -159,26 +137,6 @@ def test_what_comes_back_into_sight_has_to_prove_itself_again(gallery) -> None:
     for frame in range(41, 50):
         searched_in(gallery, {7, 8}, frame)
     assert gallery.proven(gallery.places([7, 8])).tolist() == [True, True]
-
-
-@pytest.mark.parametrize("target", [True, False])
-def test_new_features_pull_little_until_they_are_proven_where_a_target_is_known(target: bool) -> None:
-    poses = path(20)
-    frames = [(k / 30.0, image_from(pose, target=target, samples=1)) for k, pose in enumerate(poses)]
-    known = target_from(target_fields(poses[0])) if target else None
-
-    def noise(probation: float) -> np.ndarray:
-        """The median tr R of features in the first image with searches, and of the same in the last."""
-        found: list[np.ndarray] = []
-        settings = FrontEndSettings(probation=probation, lens_std=0.0, residual_weight=0.0)
-        follow(frames, LENS, known, 30.0, settings, watch=lambda end, *_: found.append(end.candidates.copy()))
-        begun = next(one for one in found if (one["id"] > 0).any())
-        first = begun["id"][begun["id"] > 0]
-        own = [one[np.isin(one["id"], first)] for one in (begun, found[-1])]
-        return np.array([np.median(np.trace(one["R"], 0, 1, 2)) for one in own])
-
-    young, old = noise(5.0) / noise(1.0)
-    assert (young > 15.0) == target and old == pytest.approx(1.0, rel=0.5)
 
 
 def test_a_feature_fails_after_so_many_misses_inside_the_image(gallery) -> None:

@@ -1,12 +1,8 @@
 """Images and their times are read as people have them: lists, names, tags of orientation, videos of variable rate."""
 
 import json
-import os
-import subprocess
-import sys
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -67,65 +63,31 @@ def test_a_list_is_a_source(name: str, folder: str, tmp_path, capsys) -> None:
     assert "20.00 images a second by its times, and --rate is 30" in capsys.readouterr().err
 
 
-def test_a_list_chooses_and_says_so(tmp_path, capsys) -> None:
-    (tmp_path / "some.txt").write_text("1.0 2.png\n2.0 gone.png\n3.0 0.png\n")
-    pictures(tmp_path / "a", ["0.png", "1.png", "2.png"])
-    assert seen(images_of(tmp_path / "a", times=tmp_path / "some.txt").frames) == [2, 0]
-    told = capsys.readouterr().err
-    assert "names 2 of 3 images" in told and "1 of 3 pictures that" in told
+BAD_LISTS = {
+    "1\n2\n2\n4\n": "time 3 does",
+    "1\n2\n3\n": "3 times.* 4 images",
+    "0\n50000000\n100000000\n150000000\n": "in ns since",
+    "0.1 1 2 3 0 0 0 1\n": "line 1",
+    "1 3.png\n2\n3\n4\n": "in some lines",
+}
 
 
-@pytest.mark.parametrize(
-    ("text", "word"),
-    [
-        ("1\n2\n2\n4\n", "time 3 does"),
-        ("1\n2\n3\n", "3 times.* 4 images"),
-        *(
-            ("1700000000000\n", "line 1"),
-            ("0\n50000000\n100000000\n150000000\n", "in ns since"),
-            ("a\n", "line 1"),
-            ("inf\n", "line 1"),
-            ("0,0\n0,1\n0,2\n0,3\n", "line 1 .* '0,0'"),
-            ("0.1 1 2 3 0 0 0 1\n", "line 1"),
-            ("0\n10\n20\n30\n", "0.1 images a second, and 0.5 to"),
-            ("1 3.png\n2\n3\n4\n", "in some lines"),
-            ("1 3.jpg\n2 2.jpg\n", "0 of 4 images"),
-            ("", "no time"),
-        ),
-    ],
-)
-def test_a_bad_list_is_refused(text: str, word: str, tmp_path) -> None:
+@pytest.mark.parametrize("text", BAD_LISTS)
+def test_a_bad_list_is_refused(text: str, tmp_path) -> None:
     (tmp_path / "times.txt").write_text(text)
     pictures(tmp_path / "a", [f"{k}.png" for k in range(4)])
-    with pytest.raises(ValueError, match=word):
+    with pytest.raises(ValueError, match=BAD_LISTS[text]):
         images_of(tmp_path / "a", times=tmp_path / "times.txt")
 
 
-@pytest.mark.parametrize(
-    ("names", "images", "times", "word"),
-    [
-        (["0.png"], "times.txt", "1 a/0.png\n2 a/1.png\n", "no 'a/1.png'"),
-        (["0.png"], "times.txt", "1\n2\n", "no ''"),
-        (["0.png", "0.jpg"], "a", None, "several endings"),
-        (["x/0.png", "y/0.png"], "a/*/*.png", "1 0.png\n2 0.png\n", "different names"),
-    ],
-)
-def test_pictures_that_are_not_one_sequence_are_refused(names, images, times, word, tmp_path, monkeypatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    for folder in {Path("a", name).parent for name in names}:
-        pictures(folder, [name.split("/")[-1] for name in names if Path("a", name).parent == folder])
-    if times:
-        Path("times.txt").write_text(times)
-    with pytest.raises(ValueError, match=word):
-        images_of(images, times="times.txt" if times and images != "times.txt" else None)
-
-
-def test_times_that_are_not_used_are_told(tmp_path, capsys) -> None:
-    pictures(tmp_path / "a", [f"{START // 1000000 + k * 50}.png" for k in range(4)])
-    assert images_of(tmp_path / "a").rate == 30.0 and "not used as times" in capsys.readouterr().err
-    (tmp_path / "times.txt").write_text(LISTS["times.txt"])
-    assert len(list(images_of(video(tmp_path / "b.mkv", [0, 50]), times=tmp_path / "times.txt").frames)) == 2
-    assert "2 times are left over" in capsys.readouterr().err
+def test_pictures_that_are_not_one_sequence_are_refused(tmp_path) -> None:
+    pictures(tmp_path / "a", ["0.png", "0.jpg"])
+    with pytest.raises(ValueError, match="several endings"):
+        images_of(tmp_path / "a")
+    pictures(tmp_path / "b", ["0.png"])
+    (tmp_path / "times.txt").write_text("1 b/0.png\n2 b/1.png\n")
+    with pytest.raises(ValueError, match="no 'b/1.png'"):
+        images_of(tmp_path / "times.txt")
 
 
 def test_times_in_names_are_used_unless_a_rate_is_given(tmp_path, capsys) -> None:
@@ -198,9 +160,6 @@ def test_a_video_that_is_cut_off_is_read_to_its_end(tmp_path, capsys) -> None:
     assert "is its end cut off?" in capsys.readouterr().err
 
 
-# Images, calibrations and targets that cannot be used -----------------------------------------------------------------
-
-
 BOARD = {"kind": "charuco", "columns": 7, "rows": 5, "square": 0.03, "marker": 0.02, "dictionary": "4x4_50"}
 GOOD = {"images": "good", "calibration": "lens.json", "target": "target.json", "rate": "30", "out": "out"}
 PICTURES = {"images": "good", "columns": "9", "rows": "6", "out": "lens.out"}
@@ -210,116 +169,59 @@ PICTURES = {"images": "good", "columns": "9", "rows": "6", "out": "lens.out"}
 def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with one good sequence and many bad files."""
     home, image = tmp_path_factory.mktemp("bad"), image_from(path(1)[0], target=True, samples=2)
-    colour = cv2.applyColorMap(image, cv2.COLORMAP_JET)
-    folders: dict[str, list[np.ndarray]] = {
-        "good": [image] * 3,
-        "resized": [image, image[:200]],
-        "deep": [image.astype(np.uint16)],
-        "dark": [image // 30],
-        "bare": [np.full_like(image, 180)],
-        "empty": [],
-    }
+    folders = {"good": [image] * 3, "resized": [image, image[:200]], "deep": [image.astype(np.uint16)], "empty": []}
     for name, pictures in folders.items():
         (home / name).mkdir()
         for k, picture in enumerate(pictures):
             assert cv2.imwrite(str(home / name / f"{k}.png"), picture)
     (home / "hollow").mkdir()
-    texts = {"hollow/0.png": "", "zero.mp4": "", "words.json": "focal 195", "list.json": "[1, 2]"}
-    changes: dict[str, dict[str, Any]] = {
-        "lens": {},
-        "nan": {"focal_px": float("nan")},
-        "negative": {"focal_px": -195.0},
-        "infinite": {"distortion": 1.0},
-        "other": {"image_width": 640, "image_height": 480, "distortion": 0.0},
-    }
-    texts |= {f"{name}.json": json.dumps(LENS._asdict() | change) for name, change in changes.items()}
-    target = target_fields(path(1)[0])
-    texts |= {"target.json": json.dumps(target), "board.json": json.dumps(BOARD)}
-    texts |= {"flat.json": json.dumps(target | {"width": -1}), "locked.json": json.dumps(LENS._asdict())}
+    changes = {"lens": {}, "nan": {"focal_px": float("nan")}, "other": {"image_width": 640, "distortion": 0.0}}
+    texts = {f"{name}.json": json.dumps(LENS._asdict() | change) for name, change in changes.items()}
+    texts |= {"hollow/0.png": "", "words.json": "focal 195", "board.json": json.dumps(BOARD)}
+    texts |= {"target.json": json.dumps(target_fields(path(1)[0]))}
     for name, text in texts.items():
         (home / name).write_text(text)
-    (home / "locked.json").chmod(0)
-    for name, code in (("film.avi", "MJPG"), ("film.mp4", "mp4v")):
-        writer = cv2.VideoWriter(str(home / name), cv2.VideoWriter_fourcc(*code), 30.0, image.shape[::-1], True)
-        for _ in range(5):
-            writer.write(colour)
-        writer.release()
+    writer = cv2.VideoWriter(str(home / "film.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 30.0, image.shape[::-1], True)
+    for _ in range(5):
+        writer.write(cv2.applyColorMap(image, cv2.COLORMAP_JET))
+    writer.release()
     (home / "codec.avi").write_bytes((home / "film.avi").read_bytes().replace(b"MJPG", b"QQQQ"))
-    (home / "cut.mp4").write_bytes((home / "film.mp4").read_bytes()[:-600])
     return home
 
 
 TABLE = [
-    ("track", {"images": "codec.avi"}, "--images: codec.avi cannot be read as a video: it is damaged, or its codec"),
-    ("track", {"images": "cut.mp4"}, "--images: cut.mp4 cannot be read as a video: it is damaged"),
-    ("track", {"images": "zero.mp4"}, "--images: zero.mp4 cannot be read as a video: it is empty"),
-    ("track", {"images": "lens.json"}, "--images: lens.json cannot be read as a video"),
-    ("track", {"images": "hollow"}, "--images: hollow/0.png cannot be read as a picture"),
-    ("track", {"images": "empty"}, "--images: the folder empty holds no picture (.png, .pgm, "),
-    (
-        "track",
-        {"images": "none.mp4"},
-        "--images: there is no none.mp4; allowed: a folder, a pattern, a list, a video, or camera:0",
-    ),
-    ("track", {"images": "no*.png"}, "--images: nothing matches the pattern no*.png"),
-    ("track", {"images": "camera:front"}, "--images: a camera is camera:0, camera:1 and so on, got camera:front"),
-    ("track", {"images": "deep"}, "--images: deep/0.png has I;16 pixels; 8 bits a channel are needed"),
-    ("track", {"images": "dark"}, "no edge of the target"),
-    ("track", {"images": "bare"}, "the image has no corners (a blank wall, or blur)"),
-    ("calibrate", {"images": "resized"}, "--images: 1.png is of 320 x 200 pixels, the first image of 320 x 240"),
-    ("track", {"calibration": "other.json"}, "the calibration is of images of 640 x 480 pixels, got 320 x 240"),
-    ("track", {"calibration": "nan.json"}, "--calibration: nan.json: focal_px must be a finite number, got nan"),
-    ("track", {"calibration": "negative.json"}, "negative.json: focal_px must be a positive number, got -195.0"),
-    ("track", {"calibration": "infinite.json"}, "distortion 1 bends the image's corners beyond infinity; with this"),
-    ("track", {"calibration": "list.json"}, "--calibration: list.json must hold a JSON object"),
-    ("track", {"calibration": "words.json"}, "--calibration: words.json is no JSON"),
-    (
-        "track",
-        {"calibration": "board.json"},
-        "board.json holds no lens of OpenCV, ROS, Kalibr, ORB-SLAM or COLMAP: focal_px, ",
-    ),
-    ("track", {"calibration": "none.json"}, "--calibration: none.json: No such file or directory"),
-    ("track", {"calibration": "locked.json"}, "--calibration: locked.json: Permission denied"),
-    ("track", {"target": "lens.json"}, "--target: lens.json lacks corners_px, height, kind, width"),
-    ("track", {"target": "flat.json"}, "--target: flat.json: width must be a positive number of metres, 1e-06 to"),
-    ("track", {"target": "board.json"}, "shows 0 of the 24 corners of the target, a board of kind charuco; 6 or more"),
-    ("track", {"rate": "0"}, "rate must be a positive number of images a second, got 0.0"),
-    ("track", {"out": "lens.json"}, "--out: 'lens.json' is no folder to write to (Not a directory)"),
-    ("calibrate", {"out": "good"}, "--out: good is a folder; allowed: a file"),
-    ("calibrate", {"kind": "dots"}, "kind must be one of chessboard, charuco, got 'dots'"),
-    ("calibrate", {"columns": "2"}, "the board must have 3 to 100 columns and rows, got 2 x 6"),
-    ("calibrate", {}, "9 x 6 inner corners (one fewer than squares) was found in 0 pictures; 3 or more are needed\n"),
+    ("track", {"images": "codec.avi"}, "codec.avi cannot be read as a video"),
+    ("track", {"images": "hollow"}, "hollow/0.png cannot be read as a picture"),
+    ("track", {"images": "empty"}, "the folder empty holds no picture"),
+    ("track", {"images": "none.mp4"}, "there is no none.mp4"),
+    ("track", {"images": "no*.png"}, "nothing matches the pattern no*.png"),
+    ("track", {"images": "deep"}, "8 bits a channel are needed"),
+    ("calibrate", {"images": "resized"}, "1.png is of 320 x 200 pixels"),
+    ("track", {"calibration": "other.json"}, "of images of 640 x 240 pixels, got 320 x 240"),
+    ("track", {"calibration": "nan.json"}, "focal_px must be a finite number"),
+    ("track", {"calibration": "words.json"}, "words.json is no JSON"),
+    ("track", {"calibration": "board.json"}, "board.json holds no lens"),
+    ("track", {"calibration": "none.json"}, "No such file"),
+    ("track", {"target": "lens.json"}, "lens.json lacks corners_px, height, kind, width"),
+    ("track", {"target": "board.json"}, "shows 0 of the 24 corners"),
+    ("track", {"rate": "0"}, "rate must be a positive number"),
+    ("track", {"out": "lens.json"}, "'lens.json' is no folder to write to"),
+    ("calibrate", {}, "was found in 0 pictures"),
 ]
 """(command, options that are wrong, what is said)."""
 
 
 @pytest.mark.parametrize(("command", "wrong", "said"), TABLE, ids=lambda value: str(value)[:40])
-def test_a_bad_input_is_one_line(command, wrong, said, home, capsys, monkeypatch) -> None:
+def test_a_bad_input_is_one_line(command, wrong, said, home, capfd, monkeypatch) -> None:
     monkeypatch.chdir(home)
-    if wrong.get("calibration") == "locked.json" and os.access("locked.json", os.R_OK):
-        pytest.skip("the superuser reads everything")
-    if wrong.get("images") in ("codec.avi", "cut.mp4", "zero.mp4", "lens.json"):
+    if wrong.get("images") == "codec.avi":
         pytest.importorskip("av", reason="PyAV is not installed")
     options = {**(GOOD if command == "track" else PICTURES), **wrong}
     try:
         status = main([command, *(f"--{name}={value}" for name, value in options.items())])
     except SystemExit as end:  # of the parser
         status = end.code
-    lines = capsys.readouterr().err.splitlines(keepends=True)
+    lines = capfd.readouterr().err.splitlines(keepends=True)
     message = "".join(line for line in lines if "compiling kernels" not in line)  # where the first start compiles
     assert status == 2 and said in message and message.count("\n") == 1, message
     assert message.startswith(f"python -m activeslam_gym {command}: ") and len(message) < 300
-
-
-def test_images_before_another_size_are_kept(home, capsys, monkeypatch) -> None:
-    monkeypatch.chdir(home)
-    assert main(["track", *(f"--{name}={value}" for name, value in (GOOD | {"images": "resized"}).items())]) == 1
-    assert "ended early: 1.png is of 320 x 200 pixels, the first image of 320 x 240\n" in capsys.readouterr().err
-
-
-def test_ffmpeg_adds_no_lines_of_its_own(home) -> None:
-    pytest.importorskip("av", reason="PyAV is not installed")
-    line = [sys.executable, "-m", "activeslam_gym", "calibrate", "--images=codec.avi", "--columns=9", "--rows=6"]
-    root = str(Path(__file__).resolve().parents[2])
-    done = subprocess.run([*line, "--out=x"], cwd=home, env={**os.environ, "PYTHONPATH": root}, capture_output=True)
-    assert done.returncode == 2 and done.stderr.count(b"\n") == 1, done.stderr

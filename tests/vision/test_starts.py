@@ -31,19 +31,8 @@ from activeslam_gym.vision.target import CORNERS, FACING, target_from
 from activeslam_gym.vision.track import AT_REST, UNCERTAIN, Track, follow, start, summary
 from activeslam_gym.vision.views import projected
 from studies.excerpts import _ROOM as EXCERPTS
-from tests.vision_scene import (
-    CAMERA,
-    CHARUCO,
-    LENS,
-    TARGET,
-    board_on_the_plane,
-    enlarged,
-    image_from,
-    path,
-    plane_points,
-    pose_at,
-    target_fields,
-)
+from tests import vision_scene
+from tests.vision_scene import CAMERA, CHARUCO, LENS, TARGET, board_on_the_plane, enlarged, image_from, path, pose_at
 
 APRILTAG = {"kind": "apriltag", "columns": 3, "rows": 2, "tag": 0.08, "gap": 0.02, "dictionary": "36h11"}
 POSES = [
@@ -51,7 +40,7 @@ POSES = [
     pose_at((-0.12, 0.06, 0.33), (0.1, -0.3, 0.1)),
     pose_at((0.0, 0.0, 0.36), (0, 0, 2.0)),
 ]
-RECTANGLE: dict[str, Any] = target_fields(POSES[0])
+RECTANGLE: dict[str, Any] = vision_scene.target_fields(POSES[0])
 CORNERS_PX = list(RECTANGLE["corners_px"].values())
 both_kinds = pytest.mark.parametrize("fields", [CHARUCO, APRILTAG], ids=lambda fields: fields["kind"])
 
@@ -71,38 +60,25 @@ def test_the_pose_is_recovered_from_a_board_that_finds_itself(fields, pose) -> N
 
 def test_a_part_of_the_board_is_enough_and_a_sliver_is_not() -> None:
     board = target_from(CHARUCO)
-    half = board_on_the_plane(board, POSES[0])
-    half[:, 190:] = 128
-    points, pixels = seen_corners(half, CAMERA, board)
+    image = board_on_the_plane(board, POSES[0])
+    image[:, 190:] = 128
+    points, pixels = seen_corners(image, CAMERA, board)
     assert 6 <= len(points) < len(board.points)
     assert np.abs(pixels - projected(CAMERA, POSES[0], points)).max() < 0.4
-    half[:, 110:] = 128
-    said = r"shows \d of the 12 corners of the target, a board of kind charuco; 6 or more"
-    with pytest.raises(ValueError, match=said):
-        seen_corners(half, CAMERA, board)
+    image[:, 110:] = 128
+    with pytest.raises(ValueError, match=r"shows \d of the 12 corners"):
+        seen_corners(image, CAMERA, board)
 
 
-@pytest.mark.parametrize(
-    ("fields", "change", "word"),
-    [
-        (CHARUCO, {"kind": "circle"}, "kind must be rectangle, charuco, charuco-legacy, apriltag, got 'circle'"),
+def test_a_wrong_board_is_named() -> None:
+    for fields, change, word in (
         (CHARUCO, {"marker": 0.06}, "marker must be smaller than square"),
-        (CHARUCO, {"columns": 2}, "columns must be a whole number of 3 or more"),
-        (CHARUCO, {"rows": 4.0}, "rows must be a whole number"),
-        (CHARUCO, {"dictionary": "9x9"}, "dictionary must be one of OpenCV's, 4x4_50"),
-        (CHARUCO, {"columns": 20, "rows": 20}, "the board has 200 markers, the dictionary 4x4_50 only 50"),
+        (CHARUCO, {"columns": 20, "rows": 20}, "the board has 200 markers"),
         (CHARUCO, {"tag": 1.0}, "has no field 'tag'"),
-        (APRILTAG, {"gap": 0.0}, "gap must be a positive number of metres"),
-        (APRILTAG, {"columns": 1, "rows": 1}, "two tags or more"),
-        (APRILTAG, {"dictionary": 36}, "36h11 for example, got 36"),
-    ],
-)
-def test_a_wrong_board_is_named(fields, change, word) -> None:
-    with pytest.raises(ValueError, match=word):
-        target_from({**fields, **change})
-    lacking = {name: value for name, value in fields.items() if name != "columns"}
-    with pytest.raises(ValueError, match="lacks columns"):
-        target_from(lacking)
+        (APRILTAG, {"gap": 0.0}, "gap must be a positive number"),
+    ):
+        with pytest.raises(ValueError, match=word):
+            target_from({**fields, **change})
 
 
 @both_kinds
@@ -145,7 +121,7 @@ def test_depths_are_known_at_the_start() -> None:
             break
     camera, points, covariance, pixels = search.belief(search.best, (2.0, 3.0), 32)
     now = SLANTED[k]
-    on_plane = np.column_stack((plane_points(now, *pixels.T), np.zeros(len(pixels))))
+    on_plane = np.column_stack((vision_scene.plane_points(now, *pixels.T), np.zeros(len(pixels))))
     truth = np.linalg.norm(on_plane - SLANTED[0][:3], axis=1)
     errors = np.log(points[:, 2] * truth)
     assert len(points) > 12 and np.std(np.log(truth)) > 0.1
@@ -156,15 +132,13 @@ def test_depths_are_known_at_the_start() -> None:
     assert camera[:3] @ way > 0.999 * np.linalg.norm(camera[:3]) * np.linalg.norm(way)
 
 
-@pytest.mark.parametrize("end", [ValueError("unreadable"), KeyboardInterrupt()])
-def test_what_ends_the_images_of_the_start_ends_the_track(free, end) -> None:
+def test_what_interrupts_the_images_of_the_start_ends_the_track(free) -> None:
     def images() -> Iterator[Frame]:
         yield from free[:7]
-        raise end
+        raise KeyboardInterrupt
 
     done = follow(images(), LENS, None, 30.0)
-    assert len(done.times) == 7 and done.trouble in ("unreadable", "interrupted")
-    assert len(follow(free[:1], LENS, None, 30.0).times) == 1
+    assert len(done.times) == 7 and done.trouble == "interrupted"
 
 
 @pytest.mark.parametrize("n", [1, 2])
@@ -190,9 +164,7 @@ def test_a_camera_that_only_turns_in_a_room_stays_where_it_is_and_the_user_is_wa
     ("fields", "change"),
     [
         (APRILTAG, {"columns": 2, "rows": 3}),
-        (APRILTAG, {"columns": 4}),
         (APRILTAG, {"gap": 0.1}),
-        (CHARUCO, {"marker": 0.035}),
         (CHARUCO, {"square": 0.05}),
         (RECTANGLE, {"width": RECTANGLE["height"], "height": RECTANGLE["width"]}),
         (RECTANGLE, {"height": 1.15 * TARGET.height}),
@@ -205,9 +177,6 @@ def test_a_target_that_contradicts_the_image_is_refused(fields, change) -> None:
     start(image, LENS, target_from(fields), 30.0)
     with pytest.raises(ValueError, match="contradicts the first image"):
         start(image, LENS, target_from({**fields, **change}), 30.0)
-
-
-# Starts without a target that have two answers, or none ---------------------------------------------------------------
 
 
 SIZE = (640, 480)

@@ -136,8 +136,8 @@ def test_noise_order_and_misses_of_detections_are_as_told() -> None:
     assert len(firsts) >= 6 and max(firsts.values()) < 100
     scenario, truth = replace(PAPER, missed_detection_probability=0.2), world()
     whole = len(look(PAPER, truth, 0)[1])
-    seen = np.mean([len(look(scenario, truth, frame)[1]) for frame in range(400)])
-    assert seen / whole == pytest.approx(0.8, abs=0.03)
+    kept = np.mean([len(look(scenario, truth, frame)[1]) for frame in range(400)])
+    assert kept / whole == pytest.approx(0.8, abs=0.03)
 
 
 def test_clutter_comes_at_its_rate_over_the_whole_image() -> None:

@@ -28,6 +28,14 @@ IDIOMS = re.split(
     \bwho (looks|decides|circles|stays)\b; \bthings?\b; \bearlier version""",
 )
 """Private words for which the field has its own."""
+NAMES = set(
+    """
+    ANYTHING Eye FORFEIT Gallery Glance Keeper NOBODY Prospect THING UNTOLD Waving Witness appraise birth births
+    feel_contact felt foresee foresight forfeit forfeits give_birth hang honesty keeper luck mature prospect reconcile
+    referee rehearsal rehearse settle take_in thing things told
+    """.split()
+)
+"""Names that no code has."""
 REMOVALS = ROOT / "studies" / "removals.py"  # its strings are code
 
 
@@ -112,3 +120,11 @@ def test_the_first_pages_read_easily(page: str) -> None:
     syllables = sum(len(hyphens.positions(word)) + 1 for word in words)
     ease = 206.835 - 1.015 * len(words) / len(found) - 84.6 * syllables / len(words)
     assert ease >= LEAST_EASE, ease
+
+
+@pytest.mark.parametrize("folder", ["activeslam_gym", "agents", "baselines", "benchmarks", "studies", "examples"])
+def test_names_are_words_of_the_field(folder: str) -> None:
+    for path in sorted((ROOT / folder).rglob("*.py")):
+        tokens = tokenize.generate_tokens(io.StringIO(path.read_text(encoding="utf-8")).readline)
+        found = {token.string.strip("\"'") for token in tokens if token.type in (tokenize.NAME, tokenize.STRING)}
+        assert not found & NAMES, f"{name(path)}: {', '.join(sorted(found & NAMES))}"

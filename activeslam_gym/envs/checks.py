@@ -22,7 +22,7 @@ from activeslam_gym.registry import array_of, asked, name_of, part_of
 from activeslam_gym.sensors.sensor import OWN_SENSORS, POINTS, measured, noise_of
 from activeslam_gym.slam.belief import start_of
 from activeslam_gym.slam.estimate import EKF
-from activeslam_gym.world.room import draw_scene, scene_factory
+from activeslam_gym.world.room import draw_scene
 
 RAYS = 300
 NEAR = 1e-3  # before and behind a surface [m]
@@ -41,8 +41,6 @@ def check_scene(scene: Any, scenario: Given = "paper", seed: int = 0) -> None:
             on a surface, with its normal into free space, and is not hidden by its own body.
     """
     of = scenario_with(scenario, scene=scene)
-    if fitted := getattr(scene_factory(of.scene), "fitted", None):
-        of = fitted(of)
     what, rng = f"the scene {name_of(of.scene)!r}", np.random.default_rng(seed)
     scene, again = (draw_scene(of, np.random.default_rng(seed)) for _ in range(2))
     half, (low, high) = 0.5 * np.array(of.room_size), scene.bounds

@@ -1,7 +1,6 @@
 """The public reads of an environment, for policies and for the evaluator; the same names for one and for a batch."""
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -62,12 +61,11 @@ def _nees_per_dof(run: Run) -> dict[str, float]:
 class SingleReads(Scores):
     """Of one run: a batch of one, or one row of a larger batch, of which it shows the present state."""
 
+    _single = True
+
     @property
     def _run(self) -> Run:
         return self._at(0)
-
-    def _given(self, batch: np.ndarray) -> Any:
-        return batch[0] if batch.ndim > 1 else batch[0].item()
 
     @property
     def belief(self) -> PublicBelief:
@@ -102,9 +100,6 @@ class SingleReads(Scores):
 
 class BatchReads(Scores):
     """Of a batch."""
-
-    def _given(self, batch: np.ndarray) -> Any:
-        return batch
 
     def run(self, i: int) -> SingleReads:
         """What a single environment lets read, of environment ``i`` and its present state at the time of reading.

@@ -45,6 +45,7 @@ class Runs:
     """
 
     _encoding: Encoding = PAIRS
+    _single = False  # whether it is a batch of one that is read as a single environment
     render_mode: str | None = None
 
     def __init__(self, setting: Setting, runs: Run, workers: Workers) -> None:
@@ -128,7 +129,9 @@ class Runs:
 
     def _given(self, batch: np.ndarray) -> Any:
         """``batch`` (B, ...) as readers get it: with a leading axis of a batch, without one of a single environment."""
-        raise NotImplementedError
+        if not self._single:
+            return batch
+        return batch[0] if batch.ndim > 1 else batch[0].item()
 
     @property
     def motion_phase(self) -> Any:

@@ -75,8 +75,10 @@ class Setting:
 
 
 def scenario_with(scenario: str | Mapping[str, Any] | Scenario, **parts: Any) -> Scenario:
-    """The scenario with those of the ``parts`` that are given, which are fields of it: names or objects."""
-    return replace(scenario_from(scenario), **{name: part for name, part in parts.items() if part is not None})
+    """The scenario with those of the ``parts`` that are given, names or objects, and with the room of its scene."""
+    given = replace(scenario_from(scenario), **{name: part for name, part in parts.items() if part is not None})
+    fitted = getattr(scene_factory(given.scene), "fitted", None)
+    return fitted(given) if fitted else given
 
 
 def resolve(
@@ -139,8 +141,6 @@ def _checked(scenario: str | Mapping[str, Any] | Scenario, **others: Any) -> Sce
         field, near = (name, "") if name in BOUNDS else ("FIELD", did_you_mean(name, (*_NO_FIELDS, *BOUNDS)))
         raise TypeError(f"no argument {name}{near}; a scenario's fields are given as scenario={{{field!r}: {value!r}}}")
     resolved = scenario_with(scenario, **parts)
-    if fitted := getattr(scene_factory(resolved.scene), "fitted", None):
-        resolved = fitted(resolved)
     if check := getattr(part_of("scenario.estimator", resolved.estimator, ESTIMATORS), "check", None):
         check(resolved)
     part_of("scenario.sensor", resolved.sensor, OWN_SENSORS)

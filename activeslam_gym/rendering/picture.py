@@ -27,23 +27,6 @@ except ImportError as error:
     ) from error
 
 from activeslam_gym.rendering import scene
-from activeslam_gym.rendering.scene import (
-    CAMERA,
-    ELLIPSOID_SIGMAS,
-    EXPECTED,
-    FIDUCIAL,
-    FLOOR,
-    GATE_SIGMAS,
-    GRID,
-    INITIALISED,
-    LONGEST,
-    MAPPED,
-    MUTED,
-    TEXT,
-    TRUTH,
-    WALL,
-    screen_from_world,
-)
 
 if TYPE_CHECKING:
     from activeslam_gym.rendering.scene import Snapshot
@@ -52,15 +35,15 @@ Curve = tuple[np.ndarray, np.ndarray]  # times (T,) [s] and entropies (T,) [bit]
 REFERENCE_SIZE = (960, 640)  # pixels at which the lettering has its nominal size; other sizes scale it
 
 _NO_SCREEN = "render_mode='human' needs a screen, and none was found; render_mode='rgb_array' draws without one"
-_TICKS = {"color": MUTED, "labelcolor": TEXT, "labelsize": 6.5, "major.width": 0.7, "major.size": 3.0}
+_TICKS = {"color": scene.MUTED, "labelcolor": scene.TEXT, "labelsize": 6.5, "major.width": 0.7, "major.size": 3.0}
 _STYLE = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
     "font.size": 7.0,
-    "text.color": TEXT,
-    "axes.edgecolor": MUTED,
+    "text.color": scene.TEXT,
+    "axes.edgecolor": scene.MUTED,
     "axes.linewidth": 0.7,
-    "axes.labelcolor": TEXT,
+    "axes.labelcolor": scene.TEXT,
     **{f"{axis}tick.{name}": value for axis in "xy" for name, value in _TICKS.items()},
 }
 _BOX_ALPHA = 0.35  # how much of what is behind it a drawn box covers
@@ -170,31 +153,32 @@ class MapPanel:
     def __init__(self, axes: Any):
         axes.set_axis_off()
         self._axes, self._floor = axes, 0.0
-        self._planes = _shapes(axes, facecolors=[FLOOR, WALL, WALL], zorder=0)
-        self._grid = _segments(axes, colors=GRID, linewidths=0.6, zorder=1)
-        self._edges = _segments(axes, colors=EXPECTED, linewidths=0.8, zorder=1)
+        self._planes = _shapes(axes, facecolors=[scene.FLOOR, scene.WALL, scene.WALL], zorder=0)
+        self._grid = _segments(axes, colors=scene.GRID, linewidths=0.6, zorder=1)
+        self._edges = _segments(axes, colors=scene.EXPECTED, linewidths=0.8, zorder=1)
         alignments = ("right", "center", "left")
-        self._lengths = [axes.text(0, 0, "", color=MUTED, size=7.0, ha=ha, va="top") for ha in alignments]
-        self._boxes = _shapes(axes, linewidths=0.6, edgecolors=_faded([MUTED], 0.7), zorder=2.5)
-        self._floor_plan = _line(axes, ".", color=MUTED, ms=1.6, mew=0.0, zorder=1.5)
-        self._plumbs = _segments(axes, colors=EXPECTED, linewidths=0.5, zorder=2)
-        self._shadow = _line(axes, color=EXPECTED, linewidth=1.0, zorder=2)
-        self._expected = _line(axes, ".", color=EXPECTED, ms=4.0, zorder=3)
+        self._lengths = [axes.text(0, 0, "", color=scene.MUTED, size=7.0, ha=ha, va="top") for ha in alignments]
+        self._boxes = _shapes(axes, linewidths=0.6, edgecolors=_faded([scene.MUTED], 0.7), zorder=2.5)
+        self._floor_plan = _line(axes, ".", color=scene.MUTED, ms=1.6, mew=0.0, zorder=1.5)
+        self._plumbs = _segments(axes, colors=scene.EXPECTED, linewidths=0.5, zorder=2)
+        self._shadow = _line(axes, color=scene.EXPECTED, linewidth=1.0, zorder=2)
+        self._expected = _line(axes, ".", color=scene.EXPECTED, ms=4.0, zorder=3)
         self._outlines = _shapes(axes, linewidths=0.9, zorder=4)
         self._circles = _segments(axes, linewidths=0.45, zorder=4)
-        self._fiducials = _line(axes, "s", color=FIDUCIAL, ms=4.4, mec=TRUTH, mew=0.6, zorder=5)
-        self._true_landmarks = _line(axes, "x", color=TRUTH, ms=4.4, mew=0.9, zorder=5)
-        self._mapped = _line(axes, "o", color=MAPPED, ms=3.6, mec="white", mew=0.5, zorder=6)
-        self._initialised = _line(axes, "o", ms=3.6, mfc="white", mec=INITIALISED, zorder=6)
-        self._true_path = _line(axes, color=TRUTH, linewidth=0.9, linestyle=_DASHED, zorder=7)
-        self._path = _line(axes, color=CAMERA, linewidth=1.5, zorder=7)
+        self._fiducials = _line(axes, "s", color=scene.FIDUCIAL, ms=4.4, mec=scene.TRUTH, mew=0.6, zorder=5)
+        self._true_landmarks = _line(axes, "x", color=scene.TRUTH, ms=4.4, mew=0.9, zorder=5)
+        self._mapped = _line(axes, "o", color=scene.MAPPED, ms=3.6, mec="white", mew=0.5, zorder=6)
+        self._initialised = _line(axes, "o", ms=3.6, mfc="white", mec=scene.INITIALISED, zorder=6)
+        self._true_path = _line(axes, color=scene.TRUTH, linewidth=0.9, linestyle=_DASHED, zorder=7)
+        self._path = _line(axes, color=scene.CAMERA, linewidth=1.5, zorder=7)
         self._frustums = _shapes(axes, linewidths=[0.7] * 5 + [1.2] * 5, joinstyle="round", zorder=8)
 
     def update(self, snapshot: Snapshot) -> None:
         """Moves the artists."""
         self._update_room(np.array(snapshot.room_size, dtype=float))
-        faces, colours = screen_from_world(scene.box_faces(snapshot.truth.boxes)), [GRID, MUTED, EXPECTED]
-        self._boxes.set(verts=list(faces), facecolor=_faded(colours * len(snapshot.truth.boxes), _BOX_ALPHA))
+        faces = scene.screen_from_world(scene.box_faces(snapshot.truth.boxes))
+        colours = [scene.GRID, scene.MUTED, scene.EXPECTED] * len(snapshot.truth.boxes)
+        self._boxes.set(verts=list(faces), facecolor=_faded(colours, _BOX_ALPHA))
         for artist, points in (
             (self._floor_plan, snapshot.floor_plan),
             (self._expected, snapshot.expected_landmarks),
@@ -206,7 +190,7 @@ class MapPanel:
             (self._path, snapshot.estimated_trajectory),
             (self._shadow, self._on_floor(snapshot.estimated_trajectory)),
         ):
-            artist.set_data(*screen_from_world(points).T)
+            artist.set_data(*scene.screen_from_world(points).T)
         self._update_ellipsoids(snapshot)
         self._update_frustums(snapshot)
 
@@ -215,13 +199,13 @@ class MapPanel:
 
         The room is centred, with one scale on both axes whatever the shape of the panel (a window may be resized).
         """
-        edges = screen_from_world(scene.room_edges(size))
-        self._planes.set_verts(list(screen_from_world(scene.room_planes(size))))
-        self._grid.set_segments(screen_from_world(scene.floor_grid(size)))
+        edges = scene.screen_from_world(scene.room_edges(size))
+        self._planes.set_verts(list(scene.screen_from_world(scene.room_planes(size))))
+        self._grid.set_segments(scene.screen_from_world(scene.floor_grid(size)))
         self._edges.set_segments(edges)
         (x, y, z), off = size / 2, 0.025 * max(size)
         self._floor = -y
-        places = screen_from_world(np.array(((0, -y, -z - off), (x, -y - 0.6 * off, -z), (-x - off, -y, 0))))
+        places = scene.screen_from_world(np.array(((0, -y, -z - off), (x, -y - 0.6 * off, -z), (-x - off, -y, 0))))
         for artist, axis, length, place in zip(self._lengths, "XYZ", size, places):
             artist.set(text=f"{axis}  {length:g} m", position=place)
         low, high = edges.min((0, 1)), edges.max((0, 1))
@@ -235,25 +219,25 @@ class MapPanel:
         means, covariances, colours = scene.believed_points(snapshot)
         order = np.argsort(means @ scene.TOWARDS_VIEWER)
         means, covariances, colours = means[order], covariances[order], colours[order]
-        covariances = scene.shortened(covariances, LONGEST / ELLIPSOID_SIGMAS)
-        outlines = scene.ellipsoid_outlines(means, covariances, ELLIPSOID_SIGMAS)
-        circles = screen_from_world(scene.great_circles(means, covariances, ELLIPSOID_SIGMAS))
+        covariances = scene.shortened(covariances, scene.LONGEST / scene.ELLIPSOID_SIGMAS)
+        outlines = scene.ellipsoid_outlines(means, covariances, scene.ELLIPSOID_SIGMAS)
+        circles = scene.screen_from_world(scene.great_circles(means, covariances, scene.ELLIPSOID_SIGMAS))
         self._outlines.set(verts=outlines, facecolor=_faded(colours, 0.16), edgecolor=_faded(colours, 0.95))
         self._circles.set(segments=circles, color=_faded(np.repeat(colours, 3), 0.55))
-        self._plumbs.set_segments(screen_from_world(np.stack((means, self._on_floor(means)), axis=1)))
+        self._plumbs.set_segments(scene.screen_from_world(np.stack((means, self._on_floor(means)), axis=1)))
 
     def _update_frustums(self, snapshot: Snapshot) -> None:
         """The truth in faint black, then the estimate over it (left out where a lost filter has none)."""
         depth, faces, styles = 0.3 * min(snapshot.room_size), [], []
         for position, quaternion, style in (
-            (snapshot.truth.position, snapshot.truth.quaternion, (TRUTH, 0.0, 0.4)),
-            (snapshot.belief.position, snapshot.belief.quaternion, (CAMERA, 0.10, 1.0)),
+            (snapshot.truth.position, snapshot.truth.quaternion, (scene.TRUTH, 0.0, 0.4)),
+            (snapshot.belief.position, snapshot.belief.quaternion, (scene.CAMERA, 0.10, 1.0)),
         ):
             if np.isfinite(position).all() and np.isfinite(quaternion).all():
                 faces += scene.camera_frustum(snapshot.scenario, position, quaternion, depth)
                 styles += [style] * 5
         colours, face_alpha, edge_alpha = zip(*styles)
-        verts = [screen_from_world(face) for face in faces]
+        verts = [scene.screen_from_world(face) for face in faces]
         self._frustums.set(verts=verts, facecolor=_faded(colours, face_alpha), edgecolor=_faded(colours, edge_alpha))
 
     def _on_floor(self, points: np.ndarray) -> np.ndarray:
@@ -265,16 +249,17 @@ class ImagePanel:
     """What the camera sees (u to the right, v down), what was predicted, and the command."""
 
     def __init__(self, axes: Any):
-        axes.set(xticks=[], yticks=[], facecolor=WALL, aspect="equal", anchor="S")
+        axes.set(xticks=[], yticks=[], facecolor=scene.WALL, aspect="equal", anchor="S")
         axes.set_title("Image", loc="left", size=8.0, pad=5)
         self._axes = axes
         self._photo = axes.imshow(np.zeros((1, 1)), cmap="gray", vmin=0, vmax=255, visible=False, zorder=0)
-        self._gates = _shapes(axes, facecolors=_faded([MAPPED], 0.10), edgecolors=MAPPED, linewidths=0.9)
-        self._detections = _line(axes, "o", color=TRUTH, ms=2.6, zorder=4)
-        self._gaze = _line(axes, "<", color=CAMERA, ms=8.0, zorder=5, clip_on=False)
-        self._command = axes.text(0.5, -0.055, "", transform=axes.transAxes, size=8.0, weight="bold", color=CAMERA,
-                                  ha="center", va="top")  # fmt: skip
-        _legend_above(axes, {"detected": _key("o", TRUTH, 3.2), "predicted, 3σ": _key("o", MAPPED, 7, fill=False)})
+        self._gates = _shapes(axes, facecolors=_faded([scene.MAPPED], 0.10), edgecolors=scene.MAPPED, linewidths=0.9)
+        self._detections = _line(axes, "o", color=scene.TRUTH, ms=2.6, zorder=4)
+        self._gaze = _line(axes, "<", color=scene.CAMERA, ms=8.0, zorder=5, clip_on=False)
+        below = {"transform": axes.transAxes, "ha": "center", "va": "top"}
+        self._command = axes.text(0.5, -0.055, "", size=8.0, weight="bold", color=scene.CAMERA, **below)
+        predicted = _key("o", scene.MAPPED, 7, fill=False)
+        _legend_above(axes, {"detected": _key("o", scene.TRUTH, 3.2), "predicted, 3σ": predicted})
 
     def update(self, snapshot: Snapshot) -> None:
         """Moves the artists to the snapshot."""
@@ -283,7 +268,7 @@ class ImagePanel:
         if snapshot.image is not None:
             self._photo.set(data=snapshot.image, extent=(-0.5, width - 0.5, height - 0.5, -0.5))
         self._axes.set(xlim=(0, width), ylim=(height, 0))
-        self._gates.set_verts(scene.ellipses(*scene.predicted_pixels(snapshot), GATE_SIGMAS))
+        self._gates.set_verts(scene.ellipses(*scene.predicted_pixels(snapshot), scene.GATE_SIGMAS))
         self._detections.set_data(*snapshot.detections.T)
         self._command.set_text(scene.command_text(snapshot.motion.name, snapshot.gaze.name))
         marker, place = {"LEFT": ("<", 0.035), "RIGHT": (">", 0.965)}.get(snapshot.gaze.name, ("", 0.5))
@@ -301,14 +286,14 @@ class EntropyPanel:
         axes.xaxis.set_major_locator(MaxNLocator(5))
         axes.yaxis.set_major_locator(MaxNLocator(4))
         self._axes, over_all = axes, axes.get_xaxis_transform()
-        self._marks = _segments(axes, colors=INITIALISED, linewidths=0.8, transform=over_all, zorder=1)
-        self._beside = _segments(axes, colors=MUTED, linewidths=1.0, zorder=2)
-        self._curve = _line(axes, color=MAPPED, linewidth=1.6, zorder=3)
-        self._now = _line(axes, "o", color=MAPPED, ms=4.5, zorder=4, clip_on=False)
+        self._marks = _segments(axes, colors=scene.INITIALISED, linewidths=0.8, transform=over_all, zorder=1)
+        self._beside = _segments(axes, colors=scene.MUTED, linewidths=1.0, zorder=2)
+        self._curve = _line(axes, color=scene.MAPPED, linewidth=1.6, zorder=3)
+        self._now = _line(axes, "o", color=scene.MAPPED, ms=4.5, zorder=4, clip_on=False)
         middle = {"transform": axes.transAxes, "ha": "center", "va": "center"}
-        self._nothing = axes.text(0.5, 0.5, "no history kept", color=MUTED, **middle)
+        self._nothing = axes.text(0.5, 0.5, "no history kept", color=scene.MUTED, **middle)
         axes.set_ylabel("bits", size=7.0, labelpad=1)
-        _legend_above(axes, {"landmark mapped": _key("|", INITIALISED, 8)})
+        _legend_above(axes, {"landmark mapped": _key("|", scene.INITIALISED, 8)})
 
     def update(self, snapshot: Snapshot, beside: Sequence[tuple[np.ndarray, np.ndarray]] = ()) -> None:
         """Moves the curve; the axis of time spans the whole episode, so that frames compare. ``beside``: see `draw`."""
@@ -358,14 +343,14 @@ def _legend_above(axes: Any, samples: dict[str, Line2D]) -> None:
 def _map_legend() -> dict[str, Line2D]:
     """Samples by their labels, column by column: the belief, the truth, the prior, the camera."""
     return {
-        "mapped, 2σ": _key("o", MAPPED, 4.5),
-        "initialising, 2σ": _key("o", INITIALISED, 4.5, fill=False),
-        "true landmark": _key("x", TRUTH, 4.5),
-        "expected": _key(".", EXPECTED, 5),
-        "fiducial": _key("s", FIDUCIAL, 4.5, edge=TRUTH),
-        "floor shadow": _key("", EXPECTED, 1, line="-"),
-        "estimated camera": _key("", CAMERA, 1, line="-"),
-        "true camera": _key("", TRUTH, 1, line=_DASHED),
+        "mapped, 2σ": _key("o", scene.MAPPED, 4.5),
+        "initialising, 2σ": _key("o", scene.INITIALISED, 4.5, fill=False),
+        "true landmark": _key("x", scene.TRUTH, 4.5),
+        "expected": _key(".", scene.EXPECTED, 5),
+        "fiducial": _key("s", scene.FIDUCIAL, 4.5, edge=scene.TRUTH),
+        "floor shadow": _key("", scene.EXPECTED, 1, line="-"),
+        "estimated camera": _key("", scene.CAMERA, 1, line="-"),
+        "true camera": _key("", scene.TRUTH, 1, line=_DASHED),
     }
 
 

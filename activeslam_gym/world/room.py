@@ -148,11 +148,6 @@ def _landmarks(
         else:
             drawn = uniform_points(scenario, count, rng)
         candidates = drawn if scenario.has_normals else drawn[~inside_any(drawn, boxes)]
-        if not spacing:
-            found += list(candidates[: count - len(found)])
-            if len(found) == count:
-                return np.array(found)
-            continue
         free: Any = ~_near(candidates, np.concatenate(apart), spacing).any(axis=1)
         near = _near(candidates, candidates, spacing)
         for k in range(len(candidates)):

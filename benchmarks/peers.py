@@ -2,6 +2,7 @@
 
 from functools import partial
 from importlib.util import find_spec
+from timeit import repeat
 from typing import Any
 
 import numpy as np
@@ -10,17 +11,7 @@ from scipy.linalg import cho_factor, cho_solve
 from activeslam_gym import Gaze, Motion
 from activeslam_gym.motion import CAMERA_DIM, COMMANDS
 
-from .setups import (
-    SEEN,
-    Call,
-    demand_matches,
-    filter_frames,
-    mapped_runs,
-    repeated,
-    restored,
-    restoring,
-    whole_frames,
-)
+from .setups import SEEN, Call, demand_matches, mapped_runs, repeated, restoring, whole_frames
 
 LANDMARKS = {93: 27, 129: 39}  # n = 12 + 3 landmarks
 FRAMES = 5  # frames of a step: a decision every 0.25 s
@@ -33,26 +24,22 @@ def run(quick: bool) -> tuple[list[dict[str, Any]], str]:
     repeats, at_least, count = (3, 0.02, 100) if quick else (9, 0.2, 1000)
     for n, landmarks in LANDMARKS.items():
         runs, command = mapped_runs(landmarks), COMMANDS[Motion.FORWARD, Gaze.LEFT]
-        ours = {
-            "a whole frame of ours, without entropy": partial(whole_frames, runs, command, FRAMES),
-            "the same, one frame a call": partial(whole_frames, runs, command, 1),
-            "predict + update of ours": partial(filter_frames, runs, FRAMES),
-        }
-        seconds = np.median(restored(list(ours.values()), restoring(runs), count), axis=0) / (FRAMES, 1, FRAMES)
+        times, restore = dict[str, float](), restoring(runs)
+        for name, frames in (("a whole frame of ours, without entropy", FRAMES), ("the same, one frame a call", 1)):
+            call = partial(whole_frames, runs, command, frames)
+            times[name] = float(np.median(repeat(call, restore, number=1, repeat=count))) / frames
         demand_matches(runs, landmarks)
         peers = {"predict + update of ours in plain NumPy": plain_numpy(n)}
         if find_spec("filterpy"):
             peers["filterpy EKF predict + update"] = filterpy_step(n)
-        times = dict(zip(ours, seconds.tolist()))
         times |= {name: float(np.median(repeated(call, repeats, at_least))) for name, call in peers.items()}
         last = list(times.values())[-1]
         for name, time in times.items():
             rows.append({"n": n, "what": name, "time [µs]": 1e6 * time, "ratio to the last": time / last})
     return rows, (
         f"Point features, {SEEN} seen (z of {M}); BLAS has one thread, by threadpoolctl. A whole frame: motion, "
-        "detection, prediction, unknown association, update, initialisation. Predict + update: its own frame, by "
-        f"detections with certain ids. All is called from Python, a call of ours for {FRAMES} frames, as an "
-        "environment runs those of a decision; handing over the arrays is part of it."
+        "detection, prediction, unknown association, update, initialisation. All is called from Python, a call of ours "
+        f"for {FRAMES} frames, as an environment runs those of a decision; handing over the arrays is part of it."
     )
 
 

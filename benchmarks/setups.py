@@ -1,6 +1,6 @@
 """Timings, and states to measure on: an environment in the middle of a sweep, and a map of a chosen size."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from copy import deepcopy
 from functools import partial
 from timeit import repeat, timeit
@@ -12,19 +12,15 @@ import numpy as np
 from activeslam_gym import Gaze, Motion, Scenario
 from activeslam_gym.camera import pixel_from_camera_point
 from activeslam_gym.envs.reset import empty_runs, reset_run
-from activeslam_gym.envs.run import Run, known_boxes, run_at
+from activeslam_gym.envs.run import Run, run_at
 from activeslam_gym.envs.setting import resolve
 from activeslam_gym.envs.step import estimate, judge, measure, read_command, simulate
 from activeslam_gym.kernels import compiled, row
 from activeslam_gym.motion import CAMERA_DIM
-from activeslam_gym.slam.association import associate
 from activeslam_gym.slam.belief import POINT, start_of
-from activeslam_gym.slam.kalman import predict, update
-from activeslam_gym.slam.map import append_feature, convert_and_delete, count_misses, initialise
-from activeslam_gym.slam.sight import sight_of_belief
+from activeslam_gym.slam.map import append_feature
 
 Call = Callable[[], Any]
-TURN = 50
 WARM_UP, END = 20, 34
 """The sweep goes on for so long before anything is timed [s]: most of the room is then mapped. When it ends [s]."""
 SEEN = 8  # features in the image of a map of a chosen size
@@ -35,21 +31,6 @@ def repeated(call: Call, repeats: int, at_least: float) -> np.ndarray:
     call()
     number = max(1, int(at_least / max(timeit(call, number=1), 1e-9)))
     return np.array(repeat(call, number=number, repeat=repeats)) / number
-
-
-def restored(calls: Sequence[Call], restore: Call, count: int) -> np.ndarray:
-    """Median times (turns, calls) of ``calls`` that change their arguments [s], of ``count`` each after ``restore``.
-
-    They take turns of `TURN` calls in succession: changes of the machine meet all alike, and each has its own code in
-    the caches.
-    """
-    seconds = np.empty((count // TURN, len(calls), TURN))
-    for turn in seconds:
-        for call, times in zip(calls, turn):
-            restore()
-            call()
-            times[:] = repeat(call, restore, number=1, repeat=TURN)
-    return np.median(seconds, axis=2)
 
 
 def sweep(env: Any, period: float, begin: int, end: int) -> np.ndarray:
@@ -132,23 +113,6 @@ def whole_frames(runs: Run, command: np.ndarray, frames: int) -> None:
         u, contact = simulate(run, command[3])
         estimate(run, u, contact, measure(run), frame == frames - 1)
         judge(run)
-
-
-@compiled
-def filter_frames(runs: Run, frames: int) -> None:
-    """So many times the filter's frame alone, of the first of ``runs``, by its candidates, whose ids are certain."""
-    run = run_at(runs, 0, runs.estimate.covariance[0])
-    models, belief, fiducials, boxes = run.models, run.ekf, run.world.fiducials, known_boxes(run)
-    constants, events, u = models.filter.initialisation, run.episode.events, np.zeros(6)
-    detections = run.detections[: run.episode.detection_count]
-    for _ in range(frames):
-        predict(models.motion, belief, u, models.motion.dt, False)
-        sight = sight_of_belief(models.lens, belief, fiducials, boxes)
-        matches = associate(models, belief, boxes, sight, detections, True, events)
-        count_misses(constants, belief, fiducials.shape[0], sight, matches)
-        update(models, belief, fiducials, sight, matches, detections, events)
-        convert_and_delete(constants, belief, events)
-        initialise(models, belief, detections, events)
 
 
 def demand_matches(runs: Run, landmarks: int) -> None:

@@ -109,7 +109,7 @@ def main(args: Args) -> int:
             write_json(path, asdict(replace(kept, note=args.note)))
             print(f"{path} is of this BEHAVIOUR and these policies already. To play it again, delete it.")
             return 0
-        wanted = tasks(names, of, count)
+        wanted = list(tasks(names, of, count))
         check(wanted)
         print(f"{len(names)} policies, {len(of.scenarios)} scenarios, {count} episodes each: {len(wanted)} episodes.")
         found = collect(wanted, Store(args.out / EPISODES, args.workers))
@@ -147,14 +147,14 @@ def _beside(names: Sequence[str], folder: Path) -> list[str]:
     return beside
 
 
-def tasks(names: Sequence[str], suite: Suite, episodes: int) -> list[Task]:
-    """Every episode of an entry, by scenario, policy and index."""
-    return [
-        Task(policy, seed, json.dumps(suite.environment(scenario)))
+def tasks(names: Sequence[str], suite: Suite, episodes: int) -> dict[Task, tuple[str, int, int]]:
+    """Every episode of an entry, with its place in it: the scenario, and the numbers of policy and episode."""
+    return {
+        Task(policy, seed, json.dumps(suite.environment(scenario))): (scenario, i, k)
         for scenario in suite.scenarios
-        for policy in names
-        for seed in suite.seeds(scenario, episodes)
-    ]
+        for i, policy in enumerate(names)
+        for k, seed in enumerate(suite.seeds(scenario, episodes))
+    }
 
 
 def made(name: str, names: Sequence[str], suite: Suite, note: str, runs: Sequence[Episode]) -> Entry:

@@ -6,6 +6,7 @@ It shows that the scores are those of the policy. That the policy keeps the rule
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from random import sample
 from typing import Annotated
 
 import numpy as np
@@ -18,12 +19,12 @@ from agents import policies
 from agents.suite import enter
 from agents.suite.enter import Entry
 from agents.suite.manifest import Suite, suite
-from agents.task import Task, check, collect
+from agents.task import check, collect
 from agents.tools.arguments import Workers
 from agents.tools.sections import in_a_line
 
 TOLERANCE = 1e-5  # relative, and absolute [bit]: that of the recorded runs
-IMAGE_SHARE = 0.1  # of the image episodes is replayed
+IMAGE_SHARE = 0.1  # of the image episodes is replayed, others each time: an entrant cannot know them
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +51,9 @@ def main(args: Args) -> int:
         return 1
     if own := list(filter(policies.holds_code, names)):
         _say(f"This runs the entrant's code: {', '.join(own)}.")
-    chosen = _chosen(entry, of, names)
+    some = sample(range(entry.episodes), max(1, round(IMAGE_SHARE * entry.episodes)))
+    places = enter.tasks(names, of, entry.episodes).items()
+    chosen = {task: at for task, at in places if at[0] not in IMAGE_SCENARIOS or at[2] in some}
     check(chosen)
     runs = collect(list(chosen), Store(args.out, args.workers))
     differences = []
@@ -108,16 +111,3 @@ def _tell_of_other_versions(entry: Entry) -> None:
         others.append(f"{entry.machine} → {machine()}")
     if others:
         _say(f"Not as on the entrant's machine: {', '.join(others)}.")
-
-
-def _chosen(entry: Entry, of: Suite, names: list[str]) -> dict[Task, tuple[str, int, int]]:
-    """The episodes to replay, each with its place in the entry: scenario, policy, index."""
-    shape = len(of.scenarios), len(names), entry.episodes
-    tasks = np.reshape(np.array(enter.tasks(names, of, entry.episodes), dtype=object), shape)
-    rng, chosen = np.random.default_rng(), {}  # other episodes each time: an entrant cannot know them
-    for s, policy in np.ndindex(*shape[:2]):
-        scenario = of.scenarios[s]
-        count = shape[2] if scenario not in IMAGE_SCENARIOS else max(1, round(IMAGE_SHARE * shape[2]))
-        for index in np.sort(rng.permutation(shape[2])[:count]).tolist():
-            chosen[tasks[s, policy, index]] = (scenario, policy, index)
-    return chosen

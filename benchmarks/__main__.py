@@ -17,7 +17,6 @@ from .against import PAIRS, compare, start
 
 Rows = list[dict[str, Any]]  # they share their keys, which are the table's head, with units
 PARTS: dict[str, Callable[[bool], tuple[Rows, str]]] = {
-    "single": environments.single,
     "batch": environments.batches,
     "images": environments.images,
     "scores": environments.scores,
@@ -32,7 +31,7 @@ class Args(Page):
     """Measure speed beside peers."""
 
     section = "bench"
-    parts: tuple[Literal["single", "batch", "images", "scores", "peers", "start"], ...] = tuple(PARTS)  # type: ignore
+    parts: tuple[Literal["batch", "images", "scores", "peers", "start"], ...] = tuple(PARTS)  # type: ignore
     """Parts to measure."""
     quick: bool = False
     """Use small sizes and few repeats, to see that it runs."""

@@ -1,4 +1,4 @@
-"""Timings, and states to measure on: an environment in the middle of a sweep, and a map of a chosen size."""
+"""Timings of calls and of a sweep, and a map of a chosen size to measure on."""
 
 from collections.abc import Callable
 from copy import deepcopy
@@ -6,7 +6,6 @@ from functools import partial
 from timeit import repeat, timeit
 from typing import Any
 
-import gymnasium
 import numpy as np
 
 from activeslam_gym import Gaze, Motion, Scenario
@@ -46,14 +45,6 @@ def sweep(env: Any, period: float, begin: int, end: int) -> np.ndarray:
 
     shape = env.action_space.shape
     return np.array([timeit(partial(second, number), number=1) for number in range(begin, end)])
-
-
-def swept(seed: int, gaze_period: float = 0.05) -> Any:
-    """An environment after `WARM_UP` of sweep from ``seed``."""
-    env = gymnasium.make("ActiveSLAM-v0", gaze_period=gaze_period, end_when_lost=False)
-    env.reset(seed=seed)
-    sweep(env, gaze_period, 0, WARM_UP)
-    return env
 
 
 def restoring(live: Any) -> Call:

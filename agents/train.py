@@ -41,8 +41,8 @@ def train(args: Args) -> bool:
     env = learners.make_training(args)
     batches = learners.make_validation(args, args.validation_episodes)
     writable_folder("out", args.out)
-    with alone_in(args.out), closing(env), ExitStack() as stack:
-        for batch in batches.values():
+    with alone_in(args.out), ExitStack() as stack:
+        for batch in (env, *batches.values()):
             stack.enter_context(closing(batch))
         _require_same(args)
         learner = learners.learner_in(args, env, args.out / CHECKPOINT, args.out / "logs", args.device)

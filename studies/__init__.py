@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from activeslam_gym.config import benchmark_seed, fields_of, scenario_from
+from activeslam_gym.config import benchmark_seed, fields_of
 from activeslam_gym.evaluation import Episode, Store
+from agents.learn.recipe import scenario_of
 from agents.task import Task, check, results
-from agents.tools.arguments import SEEDS, Pages, Workers, command_line, made_scenario, scenario_argument, within
+from agents.tools.arguments import SEEDS, Pages, Workers, command_line, within
 from agents.tools.files import writable_folder
 from agents.tools.sections import publish
 
@@ -75,8 +76,8 @@ class Study(Page, Workers):
 
 def settings_of(scenario: str, arguments: dict[str, Any] | None = None, **fields: Any) -> str:
     """A scenario, by name or as JSON, with other ``fields``, and ``arguments`` of its environment: as tasks have it."""
-    made = scenario_from(made_scenario(scenario_argument(scenario)))
-    return json.dumps({"scenario": fields_of(replace(made, **fields)), **(arguments or {})}, sort_keys=True)
+    made = replace(scenario_of(scenario), **fields)
+    return json.dumps({"scenario": fields_of(made), **(arguments or {})}, sort_keys=True)
 
 
 def tasks(policy: str, settings: str, seed: int, count: int, *measures: type[Any]) -> list[Task]:

@@ -16,8 +16,8 @@ import pytest
 from numba import config
 from numba.core.dispatcher import Dispatcher
 
-from activeslam_gym import kernels
-from activeslam_gym.envs import compiling, linking
+from activeslam_gym import kernels, linking
+from activeslam_gym.envs import compiling
 
 PACKAGE = Path(kernels.__file__).parent
 SMALL_KERNEL = """

@@ -25,7 +25,7 @@ from activeslam_gym.slam.estimate import EKF
 from activeslam_gym.world.room import draw_scene
 
 RAYS = 300
-NEAR = 1e-3  # before and behind a surface [m]
+NEAR = 3e-3  # before and behind a surface [m]
 GRAZING = 0.02  # share of rays that may graze a surface, where rounding decides
 STEPS = 20
 OVERCONFIDENT = 10.0  # times the expected normalised error squared
@@ -65,9 +65,9 @@ def check_scene(scene: Any, scenario: Given = "paper", seed: int = 0) -> None:
     _demand(wrong_before <= few, what, f"blocks() cuts {wrong_before} of {len(places)} lines before their clearance()")
     _demand(wrong_behind <= few, what, f"blocks() lets {wrong_behind} of {len(places)} lines past their clearance()")
     _demand(one_way <= few, what, f"blocks() differs from b to a in {one_way} of {len(places)} lines")
-    outside, on_wall = points + 10.0 * NEAR * normals, (np.abs(np.abs(points) - half) < NEAR).any(axis=1)
+    outside, on_wall = points + 4.0 * NEAR * normals, (np.abs(np.abs(points) - half) < NEAR).any(axis=1)
     back = scene.clearance(outside, -normals, 1.0)
-    apart = int((~on_wall & (np.abs(back - 10.0 * NEAR) > NEAR)).sum())
+    apart = int((~on_wall & (np.abs(back - 4.0 * NEAR) > NEAR)).sum())
     _demand(apart <= few, what, f"sample() has {apart} of {RAYS} points that are on no surface, or normals into it")
     hidden = sum(bool(scene.blocks(a, b[None])[0]) for a, b in zip(outside, points, strict=True))
     _demand(hidden <= few, what, f"blocks() hides {hidden} of {RAYS} points from the place before their own surface")

@@ -78,13 +78,3 @@ def test_the_target_is_found_with_a_bias_until_it_is_drawn_again() -> None:
     share = np.sum(biases * np.concatenate(list(errors.values()))) / np.sum(biases**2)
     assert abs(share - 1.0) < 5.0 * 0.05 / np.sqrt(np.sum(biases**2)) < 0.8  # the noise is 0.05 px
     assert np.std([np.frombuffer(bias) for bias in errors]) == pytest.approx(SIGHTED.fiducial_bias_std, rel=0.6)
-
-
-def test_a_batch_does_what_each_does_alone() -> None:
-    batch = gym.make_vec("ActiveSLAM-v0", 2, "vector_entry_point", scenario=GALLERY, gaze_period=0.25)
-    seen, _ = batch.reset(seed=[SEED, SEED + 1])
-    rows = [seen, *(batch.step(np.tile(action, (2, 1)))[0] for action in ACTIONS[:6])]
-    for i in range(2):
-        env = gym.make("ActiveSLAM-v0", scenario=GALLERY, gaze_period=0.25)
-        alone = [env.reset(seed=SEED + i)[0], *(env.step(action)[0] for action in ACTIONS[:6])]
-        np.testing.assert_array_equal(np.array(alone), np.array([row[i] for row in rows]))

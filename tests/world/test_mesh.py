@@ -13,7 +13,7 @@ trimesh = pytest.importorskip("trimesh", reason="the extra `mesh` is not install
 pytest.importorskip("embreex", reason="the extra `mesh` is not installed")
 
 import baselines  # noqa: E402
-from activeslam_gym import Scenario  # noqa: E402
+from activeslam_gym import Scenario, check_scene  # noqa: E402
 from activeslam_gym.camera import hidden  # noqa: E402
 from activeslam_gym.config import TRAINING_SEED  # noqa: E402
 from activeslam_gym.evaluation import play  # noqa: E402
@@ -63,6 +63,7 @@ def test_landmarks_are_on_surfaces_that_face_the_inside(tmp_path: Path) -> None:
 
 def test_a_flat_is_flown_alone_and_in_a_batch_to_the_bit(tmp_path: Path) -> None:
     given = {"scenario": {"scene": saved(flat(), tmp_path)}, "duration": 4.0, "end_when_lost": False}
+    check_scene(given["scenario"]["scene"])
     many = gym.make_vec("ActiveSLAM-v0", num_envs=2, autoreset_mode="DISABLED", **given)
     batch = play(many, baselines.make("mi-mi", many), [TRAINING_SEED, TRAINING_SEED + 1])
     one = gym.make("ActiveSLAM-v0", render_mode="rgb_array", **given)

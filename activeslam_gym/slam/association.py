@@ -29,7 +29,7 @@ import numpy as np
 
 from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, borrowing, compiled, constants
-from activeslam_gym.linalg import copy_into, submatrix
+from activeslam_gym.linalg import submatrix
 from activeslam_gym.slam.belief import INVERSE_DEPTH, KIND_DIM, Belief
 from activeslam_gym.slam.depth_particles import follow_rays
 from activeslam_gym.slam.detection import (
@@ -48,6 +48,7 @@ from activeslam_gym.slam.detection import (
 from activeslam_gym.slam.sight import Sight, pixel_rows
 
 MOST_POINTS = 14  # a joint search takes so many predictions, the sharpest
+UNDECIDED = -1  # in place of a prediction's detection in a search
 ASSOCIATION, association_of = constants(
     Scenario(),
     gate=lambda s: chi_square_2_quantile(s.gate_probability),  # chi-square bound of a match
@@ -59,7 +60,8 @@ ASSOCIATION, association_of = constants(
     margin=8.0,  # lead that a joint match needs over any other answer for its prediction, in ln
     lately_margin=5.0,  # and of a feature that was matched within so many frames:
     lately=lambda s: round(10.0 / s.frame_time),
-    twin_px=lambda s: 4.0 * s.pixel_std,  # predictions nearer to each other are ambiguous [px]
+    # nearer predictions are ambiguous [px]: with noise s they part by (d/s)^2 +- sqrt(2) d/s nats, at 4 s by 16 +- 6:
+    twin_px=lambda s: 4.0 * s.pixel_std,
     crowded=lambda s: round(0.25 / s.frame_time),  # frames for which two detections in a feature's gate are remembered
     nodes=400,  # of a joint search
     detection_probability="f8",  # of what is in the image
@@ -67,8 +69,7 @@ ASSOCIATION, association_of = constants(
     clutter_cost=lambda s: 2.0 * math.log(s.image_width * s.image_height / (2.0 * math.pi)),
     landmarks=lambda s: float(s.landmark_count),  # that the room holds
     clutter_rate="f8",  # false detections in an image
-    width=lambda s: float(s.image_width),  # of the image [px]
-    height=lambda s: float(s.image_height),
+    image_size=lambda s: np.array((s.image_width, s.image_height), float),  # [px]
 )
 """Constants of the association."""
 
@@ -103,13 +104,11 @@ def associate(
 def match_by_id(sight: Sight, detections: np.ndarray) -> np.ndarray:
     """(v,) the likeliest detection that bears each prediction's id, or MISSED; ``detections.match`` are their ids."""
     matches = np.full(sight.point.shape[0], MISSED)
-    for i in range(detections.shape[0]):
-        detections[i].match = detections[i].id if detections[i].id != UNASSOCIATED else NEW
+    for i, one in enumerate(detections):
+        one.match = one.id if one.id != UNASSOCIATED else NEW
         for a in range(matches.shape[0]):
             rival = matches[a]
-            if detections[i].id == sight.point[a].id and (
-                rival < 0 or detections[i].log_ratio > detections[rival].log_ratio
-            ):
+            if one.id == sight.point[a].id and (rival < 0 or one.log_ratio > detections[rival].log_ratio):
                 matches[a] = i
     return matches
 
@@ -121,92 +120,78 @@ def match_unknown(model: Record, sight: Sight, detections: np.ndarray, features:
     Returns (v,) the detection of each prediction, or MISSED, or WAITS where a detection may be of it without being
     clear enough; sets ``detections.match``.
     """
-    points, v, M = sight.point, sight.point.shape[0], detections.shape[0]
     z, S = predicted_pixels(sight)
-    h, matches, settled = hypotheses(points, z, S, detections), np.full(v, MISSED), False
-    pair_worth = 0.5 * model.clutter_cost - math.log(expected_unmapped(model, features))
+    h, matches, settled = hypotheses(sight.point, detections, z, S), np.full(sight.point.shape[0], MISSED), False
+    # Detections of nothing known: an image sees about 15 % of a room, which may hold landmarks beside the features.
+    unmapped = max(0.15 * (model.landmarks + 3.0 - features), 0.3) + model.clutter_rate
+    pair_worth = 0.5 * model.clutter_cost - math.log(unmapped)
     while True:
-        while _match_clear(model, h, detections, matches):
+        while _match_clear(model, h, matches):
             pass
         if settled:  # what a search of everything leaves open stays so
             break
-        settled = match_jointly(model, h, points, detections, pair_worth, matches)
-    h, free = hypotheses(points, z, S, detections), np.ones(M, np.bool_)  # given all matches
-    for a in range(v):
-        if matches[a] >= 0:
-            free[matches[a]] = False
-    for i in range(M):
-        detections[i].match = NEW
-        for a in range(v):
-            if free[i] and h.d2[a, i] < model.new_feature_gate:
-                detections[i].match = REJECTED
-                matches[a] = matches[a] if matches[a] >= 0 else WAITS
-    for a in range(v):
-        i = matches[a]
-        if i >= 0 and detections[i].id == UNASSOCIATED and _has_twin(model, points, a):
-            detections[i].match, matches[a] = REJECTED, WAITS
-        elif i >= 0:
-            detections[i].match = points[a].id
-    for a in range(v):
-        i, point = matches[a], points[a]
-        if point.width == KIND_DIM[INVERSE_DEPTH] and _is_crowded(model, h, a, detections, point.id):
-            point.crowded = 0
-        if i >= 0 and detections[i].id == UNASSOCIATED and point.crowded < model.crowded:
-            detections[i].match, matches[a] = REJECTED, WAITS
+        settled = match_jointly(model, h, pair_worth, matches)
+    _leave_unclear(model, hypotheses(sight.point, detections, z, S), matches)
     return matches
 
 
-@borrowing
-def _has_twin(model: Record, points: np.ndarray, a: int) -> bool:
-    """Whether another of the ``points`` (v,) is predicted beside prediction ``a``.
-
-    Two that are d apart are told apart by (d / s)^2 +- sqrt(2) d / s nats, s the deviation of a pixel: at d = 4 s by
-    16 +- 6, so that hardly a match that is clear enough owes it to its noise.
-    """
-    z = points[a].z_hat
-    for b in range(points.shape[0]):
-        other = points[b].z_hat
-        if b != a and (z[0] - other[0]) ** 2 + (z[1] - other[1]) ** 2 < model.twin_px**2:
-            return True
-    return False
-
-
-@borrowing
-def _is_crowded(model: Record, h: Hypotheses, a: int, detections: np.ndarray, id: int) -> bool:
-    """Whether two detections that no other prediction explains are in the gate of prediction ``a``, of that ``id``."""
-    near = 0
-    for i in range(detections.shape[0]):
-        match = detections[i].match
-        near += h.d2[a, i] < model.gate and (match == NEW or match == REJECTED or match == id)
-    return near > 1
-
-
 @compiled
-def expected_unmapped(model: Record, features: int) -> float:
-    """Detections of nothing known that are expected in an image, of landmarks that are still owed and of clutter.
+def _leave_unclear(model: Record, h: Hypotheses, matches: np.ndarray) -> None:
+    """Rules 4 to 6, by ``h`` given all ``matches`` (v,), which become WAITS; writes the ``match`` of the detections."""
+    (v, M), points, detections = h.d2.shape, h.points, h.detections
+    unexplained = np.ones(M, np.bool_)
+    detections["match"][:] = NEW
+    for a in range(v):
+        if matches[a] >= 0:
+            detections[matches[a]].match, unexplained[matches[a]] = points[a].id, False
+    for a in range(v):
+        for i in range(M):
+            if unexplained[i] and h.d2[a, i] < model.new_feature_gate:
+                detections[i].match = REJECTED
+                matches[a] = matches[a] if matches[a] >= 0 else WAITS
+    for a in range(v):
+        for b in range(v):
+            u, w = points[a].z_hat[0] - points[b].z_hat[0], points[a].z_hat[1] - points[b].z_hat[1]
+            if b != a and u**2 + w**2 < model.twin_px**2:
+                _wait(detections, unexplained, matches, a)
+    for a in range(v):
+        near = 0
+        for i in range(M):
+            near += h.d2[a, i] < model.gate and (unexplained[i] or matches[a] == i)
+        if near > 1 and points[a].width == KIND_DIM[INVERSE_DEPTH]:
+            points[a].crowded = 0
+        if points[a].crowded < model.crowded:
+            _wait(detections, unexplained, matches, a)
 
-    An image sees about 15 % of a room; some landmarks may be owed although there is a feature for each.
-    """
-    return max(0.15 * (model.landmarks + 3.0 - features), 0.3) + model.clutter_rate
+
+@borrowing
+def _wait(detections: np.ndarray, unexplained: np.ndarray, matches: np.ndarray, a: int) -> None:
+    """Take the match of prediction ``a`` back, unless the detection has an id of its own."""
+    i = matches[a]
+    if i >= 0 and detections[i].id == UNASSOCIATED:
+        detections[i].match, unexplained[i], matches[a] = REJECTED, True, WAITS
 
 
 # Clear matches, one after the other -----------------------------------------------------------------------------------
 
 
 @compiled
-def _match_clear(model: Record, h: Hypotheses, detections: np.ndarray, matches: np.ndarray) -> bool:
+def _match_clear(model: Record, h: Hypotheses, matches: np.ndarray) -> bool:
     """Match every sharp prediction that has a clear partner, and condition the rest on them; whether there was any."""
     partner, found = np.full(matches.shape[0], -1), False
     for a in range(partner.shape[0]):
-        if matches[a] < 0 and _longest_square(h.S, a) <= model.sharp_var:
+        s00, s01, s11 = h.S[2 * a, 2 * a], h.S[2 * a, 2 * a + 1], h.S[2 * a + 1, 2 * a + 1]
+        half = 0.5 * (s00 + s11)
+        longest_square = half + math.sqrt(max(half * half - (s00 * s11 - s01 * s01), 0.0))
+        if matches[a] < 0 and longest_square <= model.sharp_var:
             partner[a] = _clear_partner(model, h, a)
             found |= partner[a] >= 0
     for a in range(partner.shape[0]):
         if partner[a] >= 0:
             matches[a] = partner[a]
-            accept(h, a, partner[a], detections)
+            accept(h, a, partner[a])
     if found:
-        measure_distances(h, detections)
+        measure_distances(h)
     return found
 
 
@@ -229,172 +214,137 @@ def _clear_partner(model: Record, h: Hypotheses, a: int) -> int:
     return best
 
 
-@borrowing
-def _longest_square(S: np.ndarray, a: int) -> float:
-    """Square of the longest axis of prediction ``a``'s ellipse in the joint ``S`` (2 v, 2 v)."""
-    s00, s01, s11 = S[2 * a, 2 * a], S[2 * a, 2 * a + 1], S[2 * a + 1, 2 * a + 1]
-    half = 0.5 * (s00 + s11)
-    return half + math.sqrt(max(half * half - (s00 * s11 - s01 * s01), 0.0))
-
-
 # What is left, jointly ----------------------------------------------------------------------------------------------
 
 
 class Search(NamedTuple):
     """A search of n predictions and M detections: what is asked, and the greatest scores that were found."""
 
-    detections: np.ndarray  # (M,) DETECTION
     pair_worth: float  # log likelihood ratio of a pair against an unmapped detection, plus half of its cost
     most: float  # upper bound of the worth of any pair
-    with_answer: np.ndarray  # (n, M + 1) scores in which the prediction is the detection; in the last column, is missed
-    answer: np.ndarray  # (n,) the best assignment
-    best: np.ndarray  # (1,) and its score
+    scores: np.ndarray  # (n, M + 1) greatest in which the prediction is the detection; in the last column, is missed
+    best: np.ndarray  # (1,) greatest of all
     nodes: np.ndarray  # (1,) partial assignments so far
 
 
 @compiled
-def match_jointly(
-    model: Record,
-    h: Hypotheses,
-    points: np.ndarray,
-    detections: np.ndarray,
-    pair_worth: float,
-    matches: np.ndarray,
-) -> bool:
+def match_jointly(model: Record, h: Hypotheses, pair_worth: float, matches: np.ndarray) -> bool:
     """Match the open predictions of ``h`` together, write ``matches`` (v,), and condition the rest on the matches.
 
     Returns whether another search can find no more: this one took all predictions in reach, or matched none. It is
     bounded by nodes, never by the clock: where they run out, the sharper half of the predictions is searched by itself,
     which sharpens the others for the next search.
     """
-    in_reach, matched = _in_reach(model, h), 0
-    if in_reach.shape[0] == 0:
-        return True
-    chosen = in_reach[:MOST_POINTS]
-    search = _search(model, h, chosen, detections, pair_worth)
-    while search.nodes[0] > model.nodes and chosen.shape[0] > 2:
-        chosen = chosen[: chosen.shape[0] // 2]
-        search = _search(model, h, chosen, detections, pair_worth)
-    if search.nodes[0] > model.nodes:
-        return True
-    for k in range(chosen.shape[0]):
-        a, i, other = chosen[k], search.answer[k], -np.inf
-        for j in range(detections.shape[0] + 1):
-            other = max(other, search.with_answer[k, j]) if j != i else other
-        lately = points[a].id > 0 and points[a].unseen <= model.lately
-        lead = model.lately_margin if lately else model.margin
-        if i != detections.shape[0] and search.best[0] - other >= lead:
-            matches[a] = i
-            accept(h, a, i, detections)
+    (v, M), matched = h.d2.shape, 0
+    spread = np.full(v, np.inf)  # tr S of the predictions in reach: with a detection inside the initialisation gate
+    for a in range(v):
+        for i in range(M):
+            if h.d2[a, i] < model.new_feature_gate:
+                spread[a] = h.S[2 * a, 2 * a] + h.S[2 * a + 1, 2 * a + 1]
+    in_reach = _in_order(spread)[:-1]
+    scores = _search(model, h, in_reach[:MOST_POINTS], pair_worth)
+    for k in range(scores.shape[0]):
+        a, answer, best, other = in_reach[k], M, -np.inf, -np.inf
+        for i in range(M + 1):
+            other = max(other, min(best, scores[k, i]))
+            if scores[k, i] > best:
+                answer, best = i, scores[k, i]
+        lately = h.points[a].id > 0 and h.points[a].unseen <= model.lately
+        if answer < M and best - other >= (model.lately_margin if lately else model.margin):
+            matches[a] = answer
+            accept(h, a, answer)
             matched += 1
-    measure_distances(h, detections)
-    return matched == 0 or chosen.shape[0] == in_reach.shape[0]
+    measure_distances(h)
+    return matched == 0 or scores.shape[0] == in_reach.shape[0]
 
 
 @compiled
-def _in_reach(model: Record, h: Hypotheses) -> np.ndarray:
-    """The predictions with a detection inside the initialisation gate, the sharpest first, by tr S."""
-    chosen, size, n = np.empty(h.d2.shape[0], np.int64), np.empty(h.d2.shape[0]), 0
-    for a in range(h.d2.shape[0]):
-        near = False
-        for i in range(h.d2.shape[1]):
-            near |= h.d2[a, i] < model.new_feature_gate
-        if near:
-            trace, k = h.S[2 * a, 2 * a] + h.S[2 * a + 1, 2 * a + 1], n
-            while k > 0 and size[k - 1] > trace:
-                chosen[k], size[k] = chosen[k - 1], size[k - 1]
+def _in_order(costs: np.ndarray) -> np.ndarray:
+    """The indices of the finite ``costs`` (n,), from the least on, and at the end n."""
+    order, count = np.full(costs.shape[0] + 1, costs.shape[0]), 0
+    for i in range(costs.shape[0]):
+        if costs[i] < np.inf:
+            k = count
+            while k > 0 and costs[order[k - 1]] > costs[i]:
+                order[k] = order[k - 1]
                 k -= 1
-            chosen[k], size[k] = a, trace
-            n += 1
-    return chosen[:n]
+            order[k] = i
+            count += 1
+    return order[: count + 1]
 
 
 @compiled
-def _search(model: Record, h: Hypotheses, chosen: np.ndarray, detections: np.ndarray, pair_worth: float) -> Search:
-    """Search the ``chosen`` (n,) predictions; more than ``model.nodes`` in its ``nodes``: they ran out."""
-    n, M, rows, most = chosen.shape[0], detections.shape[0], pixel_rows(chosen), 0.0
-    for i in range(M):  # no prediction is sharper than the detection itself
-        R = detections[i].R
-        own = pair_worth + detections[i].log_ratio - 0.5 * math.log(R[0, 0] * R[1, 1] - R[0, 1] * R[0, 1])
-        most = max(most, own)
-    scores, missed, best = np.full((n, M + 1), -np.inf), np.full(n, M), np.full(1, -np.inf)
-    search = Search(detections, pair_worth, most, scores, missed, best, np.zeros(1, np.int64))
-    part = Hypotheses(h.z[rows], submatrix(h.S, rows), h.d2[chosen], h.cost[chosen])
-    _explore(model, part, search, missed.copy(), np.ones(n, np.bool_), 0.0)
-    return search
+def _search(model: Record, h: Hypotheses, chosen: np.ndarray, pair_worth: float) -> np.ndarray:
+    """The greatest `Search.scores` of the ``chosen`` (n,) predictions; of fewer, or none, where the nodes run out."""
+    n, M, rows, most = chosen.shape[0], h.detections.shape[0], pixel_rows(chosen), 0.0
+    for one in h.detections:  # no prediction is sharper than the detection itself
+        R = one.R
+        most = max(most, pair_worth + one.log_ratio - 0.5 * math.log(R[0, 0] * R[1, 1] - R[0, 1] * R[0, 1]))
+    scores, best, nodes = np.full((n, M + 1), -np.inf), np.full(1, -np.inf), np.zeros(1, np.int64)
+    S, d2, cost = submatrix(h.S, rows), h.d2[chosen], h.cost[chosen]
+    part = Hypotheses(h.points[chosen], h.detections, h.z[rows], S, d2, cost)
+    _explore(model, part, Search(pair_worth, most, scores, best, nodes), np.full(n, UNDECIDED), 0.0)
+    if nodes[0] <= model.nodes:
+        return scores
+    return _search(model, h, chosen[: n // 2], pair_worth) if n > 2 else scores[:0]
 
 
 @compiled
-def _explore(model: Record, h: Hypotheses, search: Search, answer: np.ndarray, open: np.ndarray, score: float) -> None:
+def _explore(model: Record, h: Hypotheses, search: Search, answer: np.ndarray, score: float) -> None:
     """Follow the assignments that begin with the ``answer`` (n,) and ``score`` so far, the likeliest first.
 
-    Of those that are ``open`` (n,), the prediction with the fewest detections in its gate is decided, and the others
-    are conditioned on it.
+    Of the predictions that are UNDECIDED, that with the fewest detections in its gate is decided, and the others are
+    conditioned on it. An answer of M is a miss.
     """
-    (n, M), detections = h.d2.shape, search.detections
+    n, M = h.d2.shape
     decided, fewest, others, pairs, reached = -1, M + 1, -1, 0, np.zeros(M, np.bool_)
     for a in range(n):
+        if answer[a] != UNDECIDED:
+            continue
         near = 0
         for i in range(M):
             if h.d2[a, i] < model.new_feature_gate:
                 near += 1
                 pairs += not reached[i]
                 reached[i] = True
-        if near > 0:
-            others += 1
-            if near < fewest:
-                fewest, decided = near, a
-        elif open[a]:
-            h.d2[a, :], open[a] = np.inf, False
+        if near == 0:
+            answer[a] = M
             score += log_missed(model, h, a)
+            continue
+        others += 1
+        if near < fewest:
+            fewest, decided = near, a
     if decided < 0:
         for a in range(n):
-            search.with_answer[a, answer[a]] = max(search.with_answer[a, answer[a]], score)
-        if score > search.best[0]:
-            search.best[0] = score
-            copy_into(search.answer, answer)
+            search.scores[a, answer[a]] = max(search.scores[a, answer[a]], score)
+        search.best[0] = max(search.best[0], score)
         return
     rest = search.most * min(others, pairs)  # upper bound of what the others add
-    for i in _choices(model, h, decided):
-        worth = log_missed(model, h, decided) if i == M else search.pair_worth - 0.5 * h.cost[decided, i]
+    costs = np.full(M, np.inf)
+    for i in range(M):
+        if h.d2[decided, i] < model.new_feature_gate:
+            costs[i] = h.cost[decided, i]
+    for i in _in_order(costs):
+        worth = log_missed(model, h, decided) if i == M else search.pair_worth - 0.5 * costs[i]
         if score + worth + rest < search.best[0] - model.margin:
             continue
         search.nodes[0] += 1
         if search.nodes[0] > model.nodes:
             return
-        left, below = open.copy(), Hypotheses(h.z, h.S, h.d2.copy(), h.cost)  # a miss changes no other prediction
-        answer[decided], left[decided] = i, False
+        answer[decided], below = i, h  # a miss changes no other prediction
         if i < M:
-            below = Hypotheses(h.z.copy(), h.S.copy(), below.d2, h.cost.copy())
-            accept(below, decided, i, detections)
-            measure_distances(below, detections)
-        below.d2[decided, :] = np.inf
-        _explore(model, below, search, answer.copy(), left, score + worth)
-
-
-@compiled
-def _choices(model: Record, h: Hypotheses, a: int) -> np.ndarray:
-    """The detections near prediction ``a``, the likeliest first, and M: it is missed."""
-    M, count = h.d2.shape[1], 0
-    choices = np.empty(M + 1, np.int64)
-    for i in range(M):
-        if h.d2[a, i] < model.new_feature_gate:
-            k = count
-            while k > 0 and h.cost[a, choices[k - 1]] > h.cost[a, i]:
-                choices[k] = choices[k - 1]
-                k -= 1
-            choices[k] = i
-            count += 1
-    choices[count] = M
-    return choices[: count + 1]
+            below = Hypotheses(h.points, h.detections, h.z.copy(), h.S.copy(), h.d2.copy(), h.cost.copy())
+            accept(below, decided, i)
+            measure_distances(below)
+        _explore(model, below, search, answer.copy(), score + worth)
 
 
 @borrowing
 def log_missed(model: Record, h: Hypotheses, a: int) -> float:
     """ln(1 - P_D P(in the image)) of prediction ``a``, the axes of its measured pixel taken as independent."""
-    wide_u = math.sqrt(2.0 * (h.S[2 * a, 2 * a] + model.pixel_var))
-    wide_v = math.sqrt(2.0 * (h.S[2 * a + 1, 2 * a + 1] + model.pixel_var))
-    u, v = h.z[2 * a], h.z[2 * a + 1]
-    inside_u = 0.5 * (math.erf((model.width - u) / wide_u) + math.erf(u / wide_u))
-    inside_v = 0.5 * (math.erf((model.height - v) / wide_v) + math.erf(v / wide_v))
-    return math.log(1.0 - model.detection_probability * inside_u * inside_v)
+    seen = model.detection_probability
+    for axis in range(2):
+        z, var = h.z[2 * a + axis], h.S[2 * a + axis, 2 * a + axis]
+        wide = math.sqrt(2.0 * (var + model.pixel_var))
+        seen *= 0.5 * (math.erf((model.image_size[axis] - z) / wide) + math.erf(z / wide))
+    return math.log(1.0 - seen)

@@ -83,6 +83,8 @@ def condition(z: np.ndarray, S: np.ndarray, a: int, detection: Record) -> None:
 class Hypotheses(NamedTuple):
     """What M detections may be of: the Gaussian of v predicted pixels, given the matches so far, and the distances."""
 
+    points: np.ndarray  # (v,) PREDICTED
+    detections: np.ndarray  # (M,) DETECTION
     z: np.ndarray  # (2 v,) predicted pixels [px]
     S: np.ndarray  # (2 v, 2 v) their joint covariance; each detection adds its own R [px^2]
     d2: np.ndarray  # (v, M) squared Mahalanobis distances; inf where the ids differ, or one of the two is matched
@@ -90,34 +92,34 @@ class Hypotheses(NamedTuple):
 
 
 @compiled
-def hypotheses(points: np.ndarray, z: np.ndarray, S: np.ndarray, detections: np.ndarray) -> Hypotheses:
+def hypotheses(points: np.ndarray, detections: np.ndarray, z: np.ndarray, S: np.ndarray) -> Hypotheses:
     """All that ``detections`` (M,) may be of the ``points`` (v,), which are predicted at ``z`` (2 v,) with ``S``."""
     shape = points.shape[0], detections.shape[0]
-    h = Hypotheses(z, S, np.zeros(shape), np.full(shape, np.inf))
+    h = Hypotheses(points, detections, z, S, np.zeros(shape), np.full(shape, np.inf))
     for a in range(points.shape[0]):
         for i in range(detections.shape[0]):
             if detections[i].id != UNASSOCIATED and detections[i].id != points[a].id:
                 h.d2[a, i] = np.inf
-    measure_distances(h, detections)
+    measure_distances(h)
     return h
 
 
 @borrowing
-def measure_distances(h: Hypotheses, detections: np.ndarray) -> None:
+def measure_distances(h: Hypotheses) -> None:
     """Write the distances and costs that are not infinite."""
     for a in range(h.d2.shape[0]):
         last, log_det = math.nan, math.nan  # of the detection before: most share one R
-        for i in range(detections.shape[0]):
+        for i in range(h.d2.shape[1]):
             if h.d2[a, i] < np.inf:
-                h.d2[a, i], det = distance_and_det(h.z, h.S, a, detections[i])
+                h.d2[a, i], det = distance_and_det(h.z, h.S, a, h.detections[i])
                 if det != last:
                     last, log_det = det, math.log(det)
-                h.cost[a, i] = h.d2[a, i] + log_det - 2.0 * detections[i].log_ratio
+                h.cost[a, i] = h.d2[a, i] + log_det - 2.0 * h.detections[i].log_ratio
 
 
 @compiled
-def accept(h: Hypotheses, a: int, i: int, detections: np.ndarray) -> None:
+def accept(h: Hypotheses, a: int, i: int) -> None:
     """Match prediction ``a`` to detection ``i``, and condition all predictions on it."""
     h.d2[a, :] = np.inf
     h.d2[:, i] = np.inf
-    condition(h.z, h.S, a, detections[i])
+    condition(h.z, h.S, a, h.detections[i])

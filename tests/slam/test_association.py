@@ -24,7 +24,7 @@ UNMAPPED = 1.5
 def open_hypotheses(z: np.ndarray, S: np.ndarray, detections: np.ndarray) -> Hypotheses:
     """All are allowed; the camera's R is in ``S``."""
     points = np.zeros(len(z) // 2, PREDICTED)
-    return hypotheses(points, z.copy(), S - VAR * np.eye(len(z)), detections)
+    return hypotheses(points, detections, z.copy(), S - VAR * np.eye(len(z)))
 
 
 def scores_of_all(z: np.ndarray, S: np.ndarray, pixels: np.ndarray, unmapped: float) -> dict[tuple[int, ...], float]:
@@ -55,12 +55,9 @@ def scene(seed: int, points: int, extra: int) -> tuple[np.ndarray, np.ndarray, n
 def matched_jointly(z: np.ndarray, S: np.ndarray, pixels: np.ndarray, **model: float) -> np.ndarray:
     """(3,) the detection of each prediction or -1."""
     detections, of_point = detections_of(pixels), np.full(3, -1)
-    h, points = (
-        open_hypotheses(z, S, detections),
-        np.zeros(3, PREDICTED),
-    )  # of fiducials, which have no id that is positive
+    h = open_hypotheses(z, S, detections)  # of fiducials, which have no id that is positive
     constants, worth = replaced(MODEL, **model), 0.5 * MODEL.clutter_cost - np.log(UNMAPPED)
-    assert match_jointly(constants, h, points, detections, worth, of_point)
+    assert match_jointly(constants, h, worth, of_point)
     return of_point
 
 

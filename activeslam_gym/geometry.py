@@ -68,18 +68,18 @@ def rotation_matrix(q: np.ndarray) -> np.ndarray:
 
 
 @borrowing
-def write_skew(v: np.ndarray, out: np.ndarray) -> None:
-    """Write the matrix [v]x (3, 3) with [v]x w = v x w, but for its zeros, into ``out``."""
-    out[0, 1], out[0, 2] = -v[2], v[1]
-    out[1, 0], out[1, 2] = v[2], -v[0]
-    out[2, 0], out[2, 1] = -v[1], v[0]
+def write_skew(v: np.ndarray, out: np.ndarray, at: int) -> None:
+    """Write the matrix [v]x (3, 3) with [v]x w = v x w, but for its zeros, into ``out`` from column ``at`` on."""
+    out[0, at + 1], out[0, at + 2] = -v[2], v[1]
+    out[1, at], out[1, at + 2] = v[2], -v[0]
+    out[2, at], out[2, at + 1] = -v[1], v[0]
 
 
 @compiled
 def skew(v: np.ndarray) -> np.ndarray:
     """The matrix [v]x (3, 3) with [v]x w = v x w."""
     out = np.zeros((3, 3))
-    write_skew(v, out)
+    write_skew(v, out, 0)
     return out
 
 

@@ -60,9 +60,7 @@ def _plain(kind: Any) -> Any:
     return types.Array(kind.dtype, kind.ndim, "C") if isinstance(kind, types.NestedArray) else types.unliteral(kind)
 
 
-@lower_cast(types.NestedArray, types.Array)
-def _as_array(context: Any, builder: Any, source: Any, target: Any, value: Any) -> Any:
-    return value
+lower_cast(types.NestedArray, types.Array)(lambda *arguments: arguments[-1])  # it is that array already
 
 
 def link(call: Any, function: Callable[..., Any], **options: Any) -> None:

@@ -155,6 +155,13 @@ def estimate_of(belief: Belief, ratio: float = PAPER.mapped_depth_ratio) -> Esti
     return estimate
 
 
+def public(belief: Belief) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 3) and covariance of the public belief."""
+    estimate, n = estimate_of(belief), int(belief.state.count)
+    size = CAMERA_DIM + 3 * n
+    return estimate.landmark["point"][:n].copy(), estimate.covariance[:size, :size].copy()
+
+
 def features_of(belief: Belief) -> np.ndarray:
     """(n,) the features in use, oldest first: a view."""
     return belief.feature[: belief.state.count]

@@ -35,7 +35,7 @@ def disprove(run: Run) -> None:
     models, boxes, expected, view = run.models, known_boxes(run), run.expected, run.viewpoint
     lens, pose = models.lens, run.estimate.state.camera
     frames = models.filter.initialisation.new_feature_detections + 2
-    here, present, z = np.zeros(1, VIEW), view_of(lens, pose, boxes), np.empty(2)
+    here, present, z = np.empty(1, VIEW), view_of(lens, pose, boxes), np.empty(2)
     copy_into(here[0].pose, pose[:7])
     copy_into(here[0].axis, present.R_WC[:, 2])
     run.episode.views = _remember(view, run.episode.views, here[0])

@@ -142,7 +142,7 @@ def match_to_truth(owner: np.ndarray, estimate: EstimateArrays) -> None:
         entry = owner[k]
         entry.id, entry.label, entry.landmark = 0, UNKNOWN, NO_OWNER
         if k < count:
-            entry.id, entry.slot = estimate.landmark[k].id, free_slot(owner, k)
+            entry.id, entry.slot = estimate.landmark[k].id, free_slot(owner["slot"], k)
 
 
 @compiled

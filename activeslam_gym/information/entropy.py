@@ -94,7 +94,10 @@ def find_counting(expected: np.ndarray, estimate: EstimateArrays) -> np.ndarray:
 @compiled
 def waiting_count(expected: np.ndarray) -> int:
     """How many expected landmarks no feature has retired."""
-    return np.sum(expected["feature"] == WAITING)
+    count = 0
+    for one in expected:
+        count += one.feature == WAITING
+    return count
 
 
 @compiled

@@ -139,37 +139,37 @@ def match_unknown(model: Record, sight: Sight, detections: np.ndarray, features:
 def _leave_unclear(model: Record, h: Hypotheses, matches: np.ndarray) -> None:
     """Rules 4 to 6, by ``h`` given all ``matches`` (v,), which become WAITS; writes the ``match`` of the detections."""
     (v, M), points, detections = h.d2.shape, h.points, h.detections
-    unexplained = np.ones(M, np.bool_)
+    explained = np.zeros(M, np.bool_)
     detections["match"][:] = NEW
     for a in range(v):
         if matches[a] >= 0:
-            detections[matches[a]].match, unexplained[matches[a]] = points[a].id, False
+            detections[matches[a]].match, explained[matches[a]] = points[a].id, True
     for a in range(v):
         for i in range(M):
-            if unexplained[i] and h.d2[a, i] < model.new_feature_gate:
+            if not explained[i] and h.d2[a, i] < model.new_feature_gate:
                 detections[i].match = REJECTED
                 matches[a] = matches[a] if matches[a] >= 0 else WAITS
     for a in range(v):
         for b in range(v):
             u, w = points[a].z_hat[0] - points[b].z_hat[0], points[a].z_hat[1] - points[b].z_hat[1]
             if b != a and u**2 + w**2 < model.twin_px**2:
-                _wait(detections, unexplained, matches, a)
+                _wait(detections, explained, matches, a)
     for a in range(v):
         near = 0
         for i in range(M):
-            near += h.d2[a, i] < model.gate and (unexplained[i] or matches[a] == i)
+            near += h.d2[a, i] < model.gate and (not explained[i] or matches[a] == i)
         if near > 1 and points[a].width == KIND_DIM[INVERSE_DEPTH]:
             points[a].crowded = 0
         if points[a].crowded < model.crowded:
-            _wait(detections, unexplained, matches, a)
+            _wait(detections, explained, matches, a)
 
 
 @borrowing
-def _wait(detections: np.ndarray, unexplained: np.ndarray, matches: np.ndarray, a: int) -> None:
+def _wait(detections: np.ndarray, explained: np.ndarray, matches: np.ndarray, a: int) -> None:
     """Take the match of prediction ``a`` back, unless the detection has an id of its own."""
     i = matches[a]
     if i >= 0 and detections[i].id == UNASSOCIATED:
-        detections[i].match, unexplained[i], matches[a] = REJECTED, True, WAITS
+        detections[i].match, explained[i], matches[a] = REJECTED, False, WAITS
 
 
 # Clear matches, one after the other -----------------------------------------------------------------------------------

@@ -217,7 +217,7 @@ def point_marginal(belief: Belief, k: int, P_y: np.ndarray) -> np.ndarray:
     rows = np.zeros((3, width))
     add_product(T, belief.covariance[at : at + width, at:], rows)
     _columns_times(rows, 0, width, T, P_y, 0)
-    _add_depth_variance(belief, k, P_y)
+    _add_depth_variance(belief, k, P_y, 0)
     return y
 
 
@@ -241,36 +241,6 @@ def depth_ratio(belief: Belief, k: int) -> float:
 
 
 @compiled
-def point_belief(belief: Belief, points: np.ndarray, covariance: np.ndarray) -> int:
-    """Present every feature as a point: the public belief. Returns the number n of features, oldest first.
-
-    Writes ``points`` (>= n, 3) [m] and the leading 12 + 3 n rows and columns of ``covariance``: T P T^T with T the
-    identity for the camera and for points, plus, for a ray, the variance of its particles along it.
-    """
-    n, dim, P = belief.state.count, belief.state.dim, belief.covariance
-    T, TP = np.empty((n, 3, FEATURE_SIZE)), np.zeros((3, dim))
-    for k in range(n):
-        copy_into(points[k], point_of(belief, k, T[k]))
-    _copy_identity_part(belief, covariance)
-    for k in range(n):
-        feature, own = belief.feature[k], CAMERA_DIM + 3 * k
-        if feature.kind == POINT:
-            continue
-        TP[:] = 0.0
-        width = KIND_DIM[feature.kind]
-        add_product(T[k], P[feature.start : feature.start + width], TP)
-        copy_block(TP[:, :CAMERA_DIM], covariance[own : own + 3])
-        for m in range(n):  # T_k P T_m^T
-            other, to = belief.feature[m], CAMERA_DIM + 3 * m
-            _columns_times(TP, other.start, KIND_DIM[other.kind], T[m], covariance[own : own + 3], to)
-        for i in range(own, own + 3):
-            for j in range(CAMERA_DIM + 3 * n):
-                covariance[j, i] = covariance[i, j]
-        _add_depth_variance(belief, k, covariance[own:, own:])
-    return n
-
-
-@compiled
 def positions_of(belief: Belief) -> np.ndarray:
     """Every feature as a point (n, 3) [m], oldest first, without a covariance."""
     n, T = belief.state.count, np.empty((3, FEATURE_SIZE))
@@ -291,17 +261,35 @@ def mapped_of(belief: Belief, mapped_depth_ratio: float) -> np.ndarray:
 
 @compiled
 def write_estimate(belief: Belief, mapped_depth_ratio: float, estimate: EstimateArrays) -> None:
-    """Write the whole estimate, with the joint covariance of camera and points.
+    """Present every feature as a point: the public belief, with the joint covariance T P T^T of camera and points.
 
-    A landmark is mapped where the deviation of its depth over its depth is under ``mapped_depth_ratio``.
+    T is the identity for the camera and for points; a ray has the variance of its particles along it, too. A landmark
+    is mapped where the deviation of its depth over its depth is under ``mapped_depth_ratio``.
     """
     write_outline(belief, estimate)
-    points = np.empty((belief.state.count, 3))
-    point_belief(belief, points, estimate.covariance)
-    for k in range(belief.state.count):
-        feature, landmark = belief.feature[k], estimate.landmark[k]
-        landmark.converted, landmark.mapped = feature.kind == POINT, depth_ratio(belief, k) < mapped_depth_ratio
-        copy_into(landmark.point, points[k])
+    n, dim, P, covariance = belief.state.count, belief.state.dim, belief.covariance, estimate.covariance
+    T, TP = np.empty((n, 3, FEATURE_SIZE)), np.zeros((3, dim))
+    for k in range(n):
+        landmark = estimate.landmark[k]
+        copy_into(landmark.point, point_of(belief, k, T[k]))
+        landmark.converted = belief.feature[k].kind == POINT
+        landmark.mapped = depth_ratio(belief, k) < mapped_depth_ratio
+    _copy_identity_part(belief, covariance)
+    for k in range(n):
+        feature, own = belief.feature[k], CAMERA_DIM + 3 * k
+        if feature.kind == POINT:
+            continue
+        TP[:] = 0.0
+        width = KIND_DIM[feature.kind]
+        add_product(T[k], P[feature.start : feature.start + width], TP)
+        copy_block(TP[:, :CAMERA_DIM], covariance[own : own + 3])
+        for m in range(n):  # T_k P T_m^T
+            other, to = belief.feature[m], CAMERA_DIM + 3 * m
+            _columns_times(TP, other.start, KIND_DIM[other.kind], T[m], covariance[own : own + 3], to)
+        for i in range(own, own + 3):
+            for j in range(CAMERA_DIM + 3 * n):
+                covariance[j, i] = covariance[i, j]
+        _add_depth_variance(belief, k, covariance, own)
     estimate.state.whole = True
 
 
@@ -345,14 +333,14 @@ def _copy_identity_part(belief: Belief, covariance: np.ndarray) -> None:
 
 
 @compiled
-def _add_depth_variance(belief: Belief, k: int, block: np.ndarray) -> None:
-    """Add to ``block`` (>= 3, >= 3) the variance of the particles along feature ``k``, if it is a ray."""
+def _add_depth_variance(belief: Belief, k: int, covariance: np.ndarray, own: int) -> None:
+    """Add to the block of ``covariance`` from ``own`` on the variance of the particles along ``k``, if it is a ray."""
     feature = belief.feature[k]
     if feature.kind == RAY:
         m = bearing(feature.mean[AZIMUTH], feature.mean[ELEVATION])
         for i in range(3):
             for j in range(3):
-                block[i, j] += feature.depth_var * m[0][i] * m[0][j]
+                covariance[own + i, own + j] += feature.depth_var * m[0][i] * m[0][j]
 
 
 @borrowing

@@ -11,7 +11,7 @@ import numpy as np
 
 from activeslam_gym.camera import View, view_of, visible
 from activeslam_gym.config import Scenario
-from activeslam_gym.kernels import Record, borrowing, compiled, constants
+from activeslam_gym.kernels import Record, borrowing, compiled, constants, record
 from activeslam_gym.linalg import copy_into, diagonal, sum_of_squares
 from activeslam_gym.motion import POSITION
 from activeslam_gym.slam.belief import ANCHOR, AZIMUTH, ELEVATION, KIND_DIM, RAY, Belief, bearing
@@ -30,13 +30,19 @@ PARTICLES, particles_of = constants(
 """Constants of the depth particles; see the fields of `Scenario`."""
 
 
+PARTICLE = record(
+    visibility="i8",  # 0 (out of reach), NEAR or INSIDE
+    z_hat=("f8", 2),  # predicted pixel [px]
+    S=("f8", (2, 2)),  # H P H^T + R, with the lens's own R [px^2]
+)
+"""The predicted measurement of one particle."""
+
+
 class Rays(NamedTuple):
     """Predicted measurements of each particle of each ray. R rays, M particles."""
 
     feature: np.ndarray  # (R,) where the ray stands in ``belief.feature``
-    visibility: np.ndarray  # (R, M) 0 (out of reach), NEAR or INSIDE
-    z_hat: np.ndarray  # (R, M, 2) [px]
-    S: np.ndarray  # (R, M, 2, 2) H P H^T + R, with the lens's own R [px^2]
+    particle: np.ndarray  # (R, M) PARTICLE
     R: np.ndarray  # (2, 2) of the lens [px^2]
 
 
@@ -55,10 +61,14 @@ def scatter_particles(model: Record, belief: Belief, k: int) -> None:
 def _summarise(belief: Belief, k: int) -> None:
     """Mean and variance of the depth: of the particles, plus spacing^2 / 12 for what lies between them."""
     feature = belief.feature[k]
-    depth, weight = belief.particles[feature.slot, :, 0], belief.particles[feature.slot, :, 1]
-    mean, spacing = np.sum(weight * depth), depth[1] - depth[0]
+    particles, mean, mean_square = belief.particles[feature.slot], 0.0, 0.0
+    for j in range(particles.shape[0]):
+        depth, weight = particles[j, 0], particles[j, 1]
+        mean += weight * depth
+        mean_square += weight * depth**2
+    spacing = particles[1, 0] - particles[0, 0]
     feature.depth = mean
-    feature.depth_var = max(np.sum(weight * depth**2) - mean * mean, 0.0) + spacing * spacing / 12.0
+    feature.depth_var = max(mean_square - mean * mean, 0.0) + spacing * spacing / 12.0
     copy_into(feature.weighed_at, belief.state.camera[POSITION])
 
 
@@ -81,8 +91,8 @@ def follow_rays(
         for i in range(detections.shape[0]):
             if detections[i].match == feature.id:
                 matched = i
-        for j in range(rays.visibility.shape[1]):
-            in_view &= belief.particles[feature.slot, j, 1] == 0.0 or rays.visibility[r, j] == INSIDE
+        for j in range(rays.particle.shape[1]):
+            in_view &= belief.particles[feature.slot, j, 1] == 0.0 or rays.particle[r, j].visibility == INSIDE
         if matched >= 0:
             explained = reweight(model, belief, rays, r, detections[matched])
             feature.misses = 0 if explained else model.maximum_misses
@@ -96,8 +106,7 @@ def predict_rays(lens: Record, belief: Belief, boxes: np.ndarray) -> Rays:
     """Project every particle with weight, and its uncertainty ellipse, into the image."""
     feature = np.flatnonzero(belief.feature["kind"][: belief.state.count] == RAY)
     R, M, noise = feature.shape[0], belief.particles.shape[1], diagonal(np.full(2, lens.pixel_std**2))
-    rays = Rays(feature, np.zeros((R, M), np.int64), np.empty((R, M, 2)), np.empty((R, M, 2, 2)), noise)
-    view = view_of(lens, belief.state.camera, boxes)
+    rays, view = Rays(feature, np.empty((R, M), PARTICLE), noise), view_of(lens, belief.state.camera, boxes)
     for r in range(R):
         _predict_ray(view, belief, rays, r)
     return rays
@@ -109,21 +118,22 @@ def _predict_ray(view: View, belief: Belief, rays: Rays, r: int) -> None:
     particles, m = belief.particles[feature.slot], bearing(feature.mean[AZIMUTH], feature.mean[ELEVATION])
     H_x, H_point, H_ray = np.empty((2, 6)), np.empty((2, 3)), np.empty((2, 6))
     for j in range(particles.shape[0]):
+        depth, predicted = particles[j, 0], rays.particle[r, j]
+        predicted.visibility = 0
         if particles[j, 1] == 0.0:
             continue
-        depth, z_hat, S = particles[j, 0], rays.z_hat[r, j], rays.S[r, j]
         y = feature.mean[ANCHOR] + depth * np.array(m[0])
-        if not visible(view, y, lens.width, z_hat):
+        if not visible(view, y, lens.width, predicted.z_hat):
             continue
-        point_measurement(view, y, z_hat, H_x, H_point)
+        point_measurement(view, y, predicted.z_hat, H_x, H_point)
         for axis in range(2):  # by the chain rule: dy/d anchor = I, dy/d angles = depth dm/d angles
             H_ray[axis, AZIMUTH], H_ray[axis, ELEVATION] = 0.0, 0.0
             for i in range(3):
                 H_ray[axis, i] = H_point[axis, i]
                 H_ray[axis, AZIMUTH] += depth * H_point[axis, i] * m[1][i]
                 H_ray[axis, ELEVATION] += depth * H_point[axis, i] * m[2][i]
-        own_innovation(lens, belief.covariance, feature.start, KIND_DIM[RAY], H_x, H_ray, S)
-        rays.visibility[r, j] = visibility_of(lens, z_hat, S)
+        own_innovation(lens, belief.covariance, feature.start, KIND_DIM[RAY], H_x, H_ray, predicted.S)
+        predicted.visibility = visibility_of(lens, predicted.z_hat, predicted.S)
 
 
 @compiled
@@ -156,9 +166,10 @@ def _match_rays(model: Record, belief: Belief, rays: Rays, detections: np.ndarra
 def ray_distance(belief: Belief, rays: Rays, r: int, detection: Record) -> tuple[float, float]:
     """(smallest squared Mahalanobis distance of a detection to a particle, -2 ln of its likelihood less 2 pi)."""
     nearest, likelihood = np.inf, 0.0
-    for k in range(rays.visibility.shape[1]):
-        if rays.visibility[r, k] > 0:
-            d2, det = distance_by_own_noise(rays.z_hat[r, k], rays.S[r, k], rays.R, detection)
+    for k in range(rays.particle.shape[1]):
+        predicted = rays.particle[r, k]
+        if predicted.visibility > 0:
+            d2, det = distance_by_own_noise(predicted.z_hat, predicted.S, rays.R, detection)
             nearest = min(nearest, d2)
             weight = belief.particles[belief.feature[rays.feature[r]].slot, k, 1]
             likelihood += weight * math.exp(-0.5 * d2) / math.sqrt(det)
@@ -178,10 +189,11 @@ def reweight(model: Record, belief: Belief, rays: Rays, r: int, detection: Recor
         return True
     total = 0.0
     for j in range(particles.shape[0]):
-        if rays.visibility[r, j] == 0:
+        predicted = rays.particle[r, j]
+        if predicted.visibility == 0:
             particles[j, 1] = 0.0
             continue
-        d2, det = distance_by_own_noise(rays.z_hat[r, j], rays.S[r, j], rays.R, detection)
+        d2, det = distance_by_own_noise(predicted.z_hat, predicted.S, rays.R, detection)
         particles[j, 1] *= math.exp(-0.5 * d2) / math.sqrt(det)
         total += particles[j, 1]
     if not total > 1e-300:

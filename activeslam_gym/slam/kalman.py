@@ -219,7 +219,7 @@ def _nonlinearity(
         said = (line[2 * a] + _along(point, 0, delta), line[2 * a + 1] + _along(point, 1, delta))
         if not predict_pixel(view, belief, fiducials, point):
             return 0.0
-        bent = max(bent, abs(point.z_hat[0] - said[0]), abs(point.z_hat[1] - said[1]))
+        bent = max(bent, max(abs(point.z_hat[0] - said[0]), abs(point.z_hat[1] - said[1])))
     return bent
 
 
@@ -300,7 +300,7 @@ def update_covariance(belief: Belief, W: np.ndarray, delta: np.ndarray) -> None:
     B = right[m : m + 3]
     copy_block(P[D_ROTATION, :dim], B)
     for i in range(3):
-        subtract_from_one(B, i, W[:, D_ROTATION], W, m, 0, dim)
+        subtract_from_one(B, i, W[:, D_ROTATION].copy(), W, m, 0, dim)
     add_product(0.5 * B[:, D_ROTATION], E, B)
     copy_block(W, left)
     copy_block(W, right)
@@ -309,7 +309,14 @@ def update_covariance(belief: Belief, W: np.ndarray, delta: np.ndarray) -> None:
         for j in range(dim):
             left[m + i, j], left[m + 3 + i, j] = -E[i, j], -B[i, j]
     subtract_symmetric(P, left, right, dim)
-    _recentre_rotation(belief, delta)
+    J, P_theta = left_jacobian(belief, delta), np.zeros((3, dim))
+    add_product(J, P[D_ROTATION], P_theta)
+    for i in range(3):
+        for j in range(dim):
+            P[D_ROTATION.start + i, j] = P_theta[i, j]
+            P[j, D_ROTATION.start + i] = P_theta[i, j]
+    P[D_ROTATION, D_ROTATION] = 0.0
+    add_symmetric_product(P_theta[:, D_ROTATION].copy(), J, P[D_ROTATION, D_ROTATION])
 
 
 @compiled
@@ -321,13 +328,12 @@ def invariance_correction(belief: Belief, delta: np.ndarray) -> np.ndarray:
     E = np.zeros((3, belief.state.dim))
     if belief.state.variant == PLAIN:
         return E
-    write_skew(delta[D_POSITION], E[:, D_POSITION])
-    write_skew(delta[D_VELOCITY], E[:, D_VELOCITY])
-    write_skew(delta[D_ANGULAR], E[:, D_ANGULAR])
+    for at in (D_POSITION.start, D_VELOCITY.start, D_ANGULAR.start):
+        write_skew(delta[at : at + 3], E, at)
     for k in range(belief.state.count):
         feature = belief.feature[k]
         at = feature.start
-        write_skew(delta[at : at + 3], E[:, at : at + 3])
+        write_skew(delta[at : at + 3], E, at)
         if feature.kind != POINT:
             azimuth, elevation = feature.mean[AZIMUTH], feature.mean[ELEVATION]
             angles = E[:, at + AZIMUTH : at + AZIMUTH + 2]
@@ -351,17 +357,3 @@ def _turn_angles(azimuth: float, elevation: float, sign: float, E: np.ndarray) -
 def left_jacobian(belief: Belief, delta: np.ndarray) -> np.ndarray:
     """J_l (3, 3), M on the rotation's own rows and columns."""
     return diagonal(np.ones(3)) if belief.state.variant == PLAIN else so3_left_jacobian(delta[D_ROTATION])
-
-
-@compiled
-def _recentre_rotation(belief: Belief, delta: np.ndarray) -> None:
-    """P_theta = J_l P_theta, rows and columns."""
-    P, dim = belief.covariance, belief.state.dim
-    J, P_theta = left_jacobian(belief, delta), np.zeros((3, dim))
-    add_product(J, P[D_ROTATION], P_theta)
-    for i in range(3):
-        for j in range(dim):
-            P[D_ROTATION.start + i, j] = P_theta[i, j]
-            P[j, D_ROTATION.start + i] = P_theta[i, j]
-    P[D_ROTATION, D_ROTATION] = 0.0
-    add_symmetric_product(P_theta[:, D_ROTATION], J, P[D_ROTATION, D_ROTATION])

@@ -142,8 +142,10 @@ def add_landmark(lens: Record, model: Record, rays: Record, belief: Belief, pixe
     Both kinds begin with the anchor and the direction of the line of sight; inverse depth adds a Gaussian rho,
     independent of the rest. ``rays``: PARTICLES.
     """
-    kind = INVERSE_DEPTH if model.inverse_depth else RAY
-    width, rays_in_use = KIND_DIM[kind], np.sum(belief.feature["kind"][: belief.state.count] == RAY)
+    kind, rays_in_use = INVERSE_DEPTH if model.inverse_depth else RAY, 0
+    width = KIND_DIM[kind]
+    for k in range(belief.state.count):
+        rays_in_use += belief.feature[k].kind == RAY
     if not room_for(belief, width) or (kind == RAY and rays_in_use >= model.ray_capacity):
         return NEW
     mean, J_x, Q = line_of_sight(lens, belief.state.camera, pixel, R)
@@ -191,9 +193,23 @@ def line_of_sight(
 
 @compiled
 def convert_and_delete(model: Record, belief: Belief, counts: Record) -> None:
-    """After an update: convert the features that are ready to points, and delete those that failed."""
+    """After an update: convert the features that are ready to points, and delete those missed too often or outdated.
+
+    Outdated is a RAY that is too old, and an INVERSE_DEPTH that was out of sight for too long: the long ellipse of a
+    vague depth, met again after seconds, takes another landmark's detection that lies on it, and that makes it a point,
+    overconfidently wrong.
+    """
     counts.conversions += promote(model, belief)
-    counts.deletions += delete_failed(model, belief)
+    for k in range(belief.state.count - 1, -1, -1):
+        feature = belief.feature[k]
+        if feature.kind == RAY:
+            outdated = belief.state.frame - feature.born > model.ray_age_frames
+        else:
+            unseen = belief.state.frame - feature.seen
+            outdated = feature.kind == INVERSE_DEPTH and unseen > model.memory_frames
+        if feature.misses >= model.maximum_misses or outdated:
+            remove_feature(belief, k)
+            counts.deletions += 1
 
 
 @compiled
@@ -260,27 +276,6 @@ def count_misses(model: Record, belief: Belief, K: int, sight: Sight, matches: n
                 copy_into(feature.missed_at, camera[POSITION])
 
 
-@borrowing
-def delete_failed(model: Record, belief: Belief) -> int:
-    """Delete features that were missed too often or are outdated; returns how many.
-
-    Outdated is a RAY that is too old, and an INVERSE_DEPTH that was out of sight for too long: the long ellipse of a
-    vague depth, met again after seconds, takes another landmark's detection that lies on it, and that makes it a point,
-    overconfidently wrong.
-    """
-    count, frame = 0, belief.state.frame
-    for k in range(belief.state.count - 1, -1, -1):
-        feature = belief.feature[k]
-        if feature.kind == RAY:
-            outdated = frame - feature.born > model.ray_age_frames
-        else:
-            outdated = feature.kind == INVERSE_DEPTH and frame - feature.seen > model.memory_frames
-        if feature.misses >= model.maximum_misses or outdated:
-            remove_feature(belief, k)
-            count += 1
-    return count
-
-
 # The covariance of camera and features --------------------------------------------------------------------------------
 
 
@@ -290,7 +285,7 @@ def room_for(belief: Belief, width: int) -> bool:
     return belief.state.count < belief.feature.shape[0] and belief.state.dim + width <= belief.covariance.shape[0]
 
 
-@borrowing
+@compiled
 def append_feature(belief: Belief, kind: int, mean: np.ndarray, J: np.ndarray, Q: np.ndarray) -> int:
     """Add a feature y = g(camera, rest) and return its position, the last; the caller has asked `room_for` it.
 
@@ -299,16 +294,17 @@ def append_feature(belief: Belief, kind: int, mean: np.ndarray, J: np.ndarray, Q
     """
     state, P, width = belief.state, belief.covariance, J.shape[0]
     at, k = state.dim, state.count
-    P_yx, P_yy = P[at : at + width, :at], P[at : at + width, at : at + width]
-    P_yx[:, :] = 0.0
+    P_yx = np.zeros((width, at))
     add_product(J, P[:CAMERA_DIM], P_yx)
-    for i in range(width):
+    for i in range(at, at + width):
         for j in range(at):
-            P[j, at + i] = P_yx[i, j]
-        copy_into(P_yy[i], Q[i, :width])
-    add_symmetric_product(P_yx, J, P_yy)
+            P[i, j] = P_yx[i - at, j]
+            P[j, i] = P_yx[i - at, j]
+        for j in range(at, at + width):
+            P[i, j] = Q[i - at, j - at]
+    add_symmetric_product(P_yx, J, P[at : at + width, at : at + width])
     feature = belief.feature[k]
-    feature.slot = free_slot(belief.feature, k)
+    feature.slot = free_slot(belief.feature["slot"], k)
     copy_into(feature.mean, mean)
     feature.kind, feature.start, feature.misses = kind, at, 0
     feature.born, feature.seen, feature.crowded = state.frame, state.frame, -NEVER
@@ -318,11 +314,11 @@ def append_feature(belief: Belief, kind: int, mean: np.ndarray, J: np.ndarray, Q
 
 
 @borrowing
-def free_slot(entries: np.ndarray, count: int) -> int:
-    """The lowest ``slot`` that none of the first ``count`` of the ``entries`` has."""
+def free_slot(slots: np.ndarray, count: int) -> int:
+    """The lowest number that is none of the first ``count`` of the ``slots``."""
     slot, k = 0, 0
     while k < count:
-        slot, k = (slot + 1, 0) if entries[k].slot == slot else (slot, k + 1)
+        slot, k = (slot + 1, 0) if slots[k] == slot else (slot, k + 1)
     return slot
 
 

@@ -291,9 +291,10 @@ def _expected_place(belief: Belief, fiducials: np.ndarray, row: int) -> Directio
 @borrowing
 def _write_noise(lens: Record, point: Record) -> None:
     """R of the ``lens``, and no curvature."""
-    point.R[:] = 0.0
-    point.R[0, 0] = point.R[1, 1] = lens.pixel_std**2
-    point.curvature[:] = 0.0
+    for i in range(2):
+        for j in range(2):
+            point.R[i, j] = lens.pixel_std**2 if i == j else 0.0
+            point.curvature[i, j] = 0.0
 
 
 @compiled

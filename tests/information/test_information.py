@@ -16,7 +16,7 @@ from activeslam_gym.information.entropy import EXPECTED, find_counting, update_e
 from activeslam_gym.information.foreign import score_plans_with
 from activeslam_gym.information.net import net_of_plans
 from activeslam_gym.motion import Gaze, Motion, motion_of, open_loop, turn_of
-from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, Belief, point_belief
+from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, Belief
 from activeslam_gym.slam.map import remove_feature
 from tests import support
 from tests.support import CAMERA, PAPER, log2_det, numerical_sight, predicted_belief_with, random_belief, world_points
@@ -91,8 +91,7 @@ def test_mutual_information_is_that_of_the_update_which_it_predicts(seed: int) -
     rng = np.random.default_rng(seed)
     belief = random_belief(PAPER, [POINT, INVERSE_DEPTH, POINT, INVERSE_DEPTH], rng)
     fiducials, n = world_points(rng, belief.state.camera, 2), int(belief.state.count)
-    points, P = np.empty((n, 3)), np.empty((12 + 3 * n, 12 + 3 * n))
-    point_belief(belief, points, P)
+    points, P = support.public(belief)
     promised = scored(predicted_belief_with(points, P, belief.state.camera.copy(), fiducials), "mutual_information")
     sight, before = support.sight_of(belief, fiducials), support.joint_covariance(belief)
     assert len(sight.point) == 2 + n

@@ -25,14 +25,6 @@ def belief_of(kinds: list[int], seed: int = 0) -> Belief:
     return support.random_belief(support.scenario_for(kinds), kinds, np.random.default_rng(seed))
 
 
-def public(belief: Belief) -> tuple[np.ndarray, np.ndarray]:
-    """Points (n, 3) and covariance of the public belief."""
-    F = len(belief.feature)
-    points, P = np.full((F, 3), np.nan), np.full((CAMERA_DIM + 3 * F, CAMERA_DIM + 3 * F), np.nan)
-    n = layout.point_belief(belief, points, P)
-    return points[:n], P[: CAMERA_DIM + 3 * n, : CAMERA_DIM + 3 * n]
-
-
 def as_point(belief: Belief, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Feature ``k`` as a point (3,), its Jacobian (3, width), and what a ray's particles add along it (3, 3)."""
     feature, T = belief.feature[k], np.empty((3, 6))
@@ -105,7 +97,7 @@ def test_many_features_that_come_and_go_keep_the_layout() -> None:
 @every_mix
 def test_public_covariance_is_T_P_Tt(kinds: list[int]) -> None:  # noqa: N802
     belief = belief_of(kinds)
-    points, P = public(belief)
+    points, P = support.public(belief)
     T, extra = np.zeros((len(P), belief.state.dim)), np.zeros(P.shape)
     T[:CAMERA_DIM, :CAMERA_DIM] = np.eye(CAMERA_DIM)
     for k in range(len(kinds)):

@@ -177,12 +177,12 @@ def test_an_ambiguous_detection_waits_unless_its_id_or_its_looks_decide() -> Non
 def test_a_labelled_ray_is_weighed_by_its_own_detection_alone() -> None:
     """Bayes on the particles once the camera has moved: the weights are the textbook's likelihoods."""
     belief = random_belief(support.scenario_for([RAY]), [RAY], np.random.default_rng(4))
-    pixel = predict_rays(CAMERA, belief, NO_BOXES).z_hat[0, PAPER.particle_count // 2].copy()
+    pixel = predict_rays(CAMERA, belief, NO_BOXES).particle["z_hat"][0, PAPER.particle_count // 2].copy()
     ray, R = belief.feature[0], np.array([[9.0, 2.0], [2.0, 5.0]])
     ray.weighed_at[:] = 100.0
-    rays, weights = predict_rays(CAMERA, belief, NO_BOXES), belief.particles[ray.slot, :, 1]
-    S = rays.S[0] + R - R_PAPER
-    error = pixel + 3.0 - rays.z_hat[0]
+    rays, weights = predict_rays(CAMERA, belief, NO_BOXES).particle[0], belief.particles[ray.slot, :, 1]
+    S = rays["S"] + R - R_PAPER
+    error = pixel + 3.0 - rays["z_hat"]
     expected = np.exp(-0.5 * np.einsum("ij,ijk,ik->i", error, np.linalg.inv(S), error)) / np.sqrt(np.linalg.det(S))
     expected[expected < MODEL.particles.particle_prune * expected.mean()] = 0.0
     detections = detections_at(np.stack((pixel, pixel + 3.0)), ids=[UNASSOCIATED, 1], R=np.stack((R_PAPER, R)))

@@ -198,7 +198,7 @@ def test_jacobian_is_the_numerical_one(make: Callable[[np.random.Generator], Cas
 def test_ellipse_of_a_rays_particle_is_the_numerical_one(seed: int) -> None:
     """S = H P H^T + R of each particle, with H by the camera and the ray at the particle's depth."""
     belief = support.random_belief(support.scenario_for([RAY]), [POINT, RAY], np.random.default_rng(seed))
-    feature, rays = belief.feature[1], predict_rays(CAMERA, belief, support.NO_BOXES)
+    feature, rays = belief.feature[1], predict_rays(CAMERA, belief, support.NO_BOXES).particle[0]
     P, at = joint_covariance(belief), support.rows_of(belief, 1)
     x, ray = belief.state.camera.copy(), feature.mean[:5].copy()
     for k in (0, 50, 99):
@@ -210,5 +210,5 @@ def test_ellipse_of_a_rays_particle_is_the_numerical_one(seed: int) -> None:
 
         H = np.zeros((2, len(P)))
         H[:, [*range(6), *at]] = numerical_jacobian(pixel, 11, 1e-3)
-        np.testing.assert_allclose(rays.z_hat[0, k], pixel(np.zeros(11)), atol=1e-9)
-        assert support.relative_error(rays.S[0, k], H @ P @ H.T + CAMERA.pixel_std**2 * np.eye(2)) < TOLERANCE
+        np.testing.assert_allclose(rays["z_hat"][k], pixel(np.zeros(11)), atol=1e-9)
+        assert support.relative_error(rays["S"][k], H @ P @ H.T + CAMERA.pixel_std**2 * np.eye(2)) < TOLERANCE

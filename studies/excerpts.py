@@ -20,8 +20,6 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from activeslam_gym import config
-from activeslam_gym.camera import camera_of
-from activeslam_gym.config import Scenario
 from activeslam_gym.metrics import camera_error, nees
 from activeslam_gym.motion import CAMERA_SIZE
 from activeslam_gym.vision.calibration import Calibration
@@ -86,7 +84,7 @@ def room_for(cameras: np.ndarray, calibration: Calibration, rays: np.ndarray | N
     """A room in which the path meets nothing, the first of twenty; None: there is none."""
     if (np.abs(cameras[:, :3]) > 0.5 * np.array(_ROOM.room_size) - CLEARANCE).any():
         return None
-    lens = camera_of(Scenario(**calibration._asdict()))
+    lens = calibration.camera
     for attempt in range(20):
         room = RoomCamera(_ROOM, lens, np.random.SeedSequence((seed, attempt)), rays)
         low, high = (room.scene.boxes[None, :, side] for side in (0, 1))
@@ -122,7 +120,7 @@ def flown(cameras: np.ndarray, lens: Lens | None, seed: int, features: int = FEA
     for part in (slice(0, 3), slice(7, 10), slice(10, 13)):
         true[:, part] = turn.apply(cameras[:, part] - (middle if part.start == 0 else 0.0))
     true[:, 3:7] = np.roll((turn * Rotation.from_quat(np.roll(cameras[:, 3:7], -1, axis=1))).as_quat(), 1, axis=1)
-    corners = projected(camera_of(Scenario(**calibration._asdict())), true[0], target.fiducials)
+    corners = projected(calibration.camera, true[0], target.fiducials)
     images: Iterator[Frame] = ((k / RATE, room.photograph(camera, k)) for k, camera in enumerate(cameras))
     images, target = map(straighten, images) if straighten else images, target._replace(corners_px=corners)
     done = follow(images, calibration, target, RATE, features=features)

@@ -10,9 +10,8 @@ from activeslam_gym.camera import camera_of
 from activeslam_gym.geometry import quaternion_exp, quaternion_product, rotation_matrix
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.calibration import Calibration
-from activeslam_gym.vision.drawing import printed, printed_value
 from activeslam_gym.vision.frontend import FrontEnd
-from activeslam_gym.vision.target import CORNERS, FACING, Board, Rectangle
+from activeslam_gym.vision.target import CORNERS, FACING, Board, Rectangle, printed, printed_value
 from activeslam_gym.vision.track import HAND_HELD, UNSCALED
 from activeslam_gym.vision.views import projected
 

@@ -305,7 +305,7 @@ def _longest_unseen(memory: np.ndarray, since: int) -> int:
 def _texture_corners() -> tuple[tuple[np.ndarray, ...], ...]:
     """Of each texture of the library, the corners (n, 2) of each of its levels, as shares of its sides."""
     out = []
-    for texture in texture_library(0):
+    for texture in texture_library():
         levels = []
         for side in _SIDES:
             top = 2 * (SIZE - side)

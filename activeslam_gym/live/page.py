@@ -27,7 +27,7 @@ from activeslam_gym.live.session import Source
 from activeslam_gym.live.state import State
 from activeslam_gym.motion import MOTION_AXIS, MOTION_SIGN, Motion
 from activeslam_gym.vision.film import BLUE, ORANGE, SKY, VERMILLION, rgb, view
-from activeslam_gym.vision.track_files import map_table
+from activeslam_gym.vision.report import map_table
 
 Request = Literal["pause", "restart", "follow", "save"]
 """Requests of the page, each with a value: whether to pause, and whether the simulated person follows; else True."""

@@ -22,7 +22,7 @@ from activeslam_gym.motion import CAMERA_SIZE, MOTION_COUNT, Motion
 from activeslam_gym.vision.film import film_to, moment_of
 from activeslam_gym.vision.frontend import NOTHING, FrameLog, FrontEnd
 from activeslam_gym.vision.opencv import opencv
-from activeslam_gym.vision.track_files import TrackFiles
+from activeslam_gym.vision.report import TrackFiles
 
 Source = RenderedRoom | RecordedImages | Device
 _FEW = 4

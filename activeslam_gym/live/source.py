@@ -26,16 +26,15 @@ from activeslam_gym.motion import (
     motion_of,
     transition,
 )
-from activeslam_gym.slam.belief import SPARE_FEATURES
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.frontend import FrontEnd
 from activeslam_gym.vision.other_lenses import Straighten, lens_from
 from activeslam_gym.vision.room.camera import RoomCamera, introduce_target
-from activeslam_gym.vision.settings import FEATURES, SIGHTED
+from activeslam_gym.vision.settings import SIGHTED
 from activeslam_gym.vision.sources import CAMERA, Frame, images_of
 from activeslam_gym.vision.target import Target, read_target
-from activeslam_gym.vision.track import HAND_HELD, start
+from activeslam_gym.vision.track import scenario_of, start
 
 FOLLOW, NEVER, STILL = "always", "never", "still"
 """Habits: to follow the advice; to move at random; to stay, and only look about."""
@@ -174,14 +173,13 @@ class RealCamera:
             raise ValueError(f"rate must be a positive number of images a second, got {rate!r}")
         self._straighten, self._target, self._rate = straighten, target, rate
         slow = {"controller_frequency": min(5.8, 0.5 * rate), "rate_loop_time": max(0.1, 1.0 / rate)}
-        size = {"landmark_count": FEATURES - SPARE_FEATURES, "room_size": _DESK}
-        self._fields: dict[str, Any] = {**size, **slow}  # the slow ones are unused, but checked
+        self._fields: dict[str, Any] = {"room_size": _DESK, **slow}  # the slow ones are unused, but checked
         self._see_through(calibration)
 
     def _see_through(self, calibration: Calibration) -> None:
         """The lens is that of a ``calibration``."""
         self._calibration = calibration
-        self.scenario = calibration.scenario(frame_time=1.0 / self._rate, **HAND_HELD, **self._fields)
+        self.scenario = scenario_of(calibration, True, self._rate, **self._fields)
 
     def _mapped(self, frame: Frame) -> Frame:
         """The frame as the calibration's lens sees it. Raises ValueError: it is of another size."""
@@ -191,7 +189,7 @@ class RealCamera:
 
     def start(self, image: np.ndarray) -> FrontEnd:
         """A front end that has seen the first ``image``. Raises ValueError: it does not show the target."""
-        return start(image, self._calibration, self._target, self._rate, scenario_fields=self._fields)
+        return start(image, self._calibration, self._target, self.scenario)
 
 
 class RecordedImages(RealCamera):

@@ -25,12 +25,11 @@ from scipy.spatial.transform import Rotation
 
 from activeslam_gym.files import argument, demand_writable, written_whole
 from activeslam_gym.vision.calibration import Calibration, calibration_from
-from activeslam_gym.vision.drawing import printed
 from activeslam_gym.vision.first_sight import LEAST_CORNERS, corners_in, refined
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.other_lenses import Lens, fitted, projected_by
 from activeslam_gym.vision.sources import SourceError, images_of
-from activeslam_gym.vision.target import CHARUCO, Board
+from activeslam_gym.vision.target import CHARUCO, Board, printed
 from activeslam_gym.vision.views import reduced
 
 KINDS = ("chessboard", CHARUCO)
@@ -58,8 +57,7 @@ class Fit(NamedTuple):
     calibration: Calibration  # of equation 1, or the nearest to the lens of OpenCV's
     residual_px: float  # root mean square of a corner's residual from this lens, each axis
     stds: np.ndarray  # (4,) of focal length, principal point and (first) distortion; NaN of a fisheye
-    pictures: int  # that showed the board and agree
-    kept: list[int]  # their numbers among all that showed it
+    kept: list[int]  # of all pictures that showed the board, the numbers of those that agree
     lens: Lens | None = None  # of OpenCV's, where it was asked for
 
 
@@ -117,7 +115,7 @@ def fit_lens(views: Sequence[View], width: int, height: int, model: str = MODELS
         raise ValueError(
             f"the pictures do not determine the lens ({about}): tilt the board differently in each picture"
         )
-    return Fit(calibration, residual, stds, len(kept), kept, None if model == MODELS[0] else lens)
+    return Fit(calibration, residual, stds, kept, None if model == MODELS[0] else lens)
 
 
 def _plausible(residual: float, width: int) -> float:
@@ -239,8 +237,7 @@ _LEAST, _MOST = 10, 40  # views from which a fit is tried, and at which it is ta
 _SURE = 0.004  # deviation of the focal length, as a share of it, at which the views are enough
 _BESIDE = 0.06  # distance of a view's middle from the image's, in sizes of it
 _TILT = 0.12  # growth of the depth across the board, as a share
-Need = Callable[[np.ndarray, np.ndarray], bool]
-_NEEDS: dict[str, Need] = {
+_NEEDS: dict[str, Callable[[np.ndarray, np.ndarray], bool]] = {
     "Move the board to the upper left of the picture": lambda at, tilt: max(at) < -_BESIDE,
     "Move the board to the lower right of the picture": lambda at, tilt: min(at) > _BESIDE,
     "Move the board to the upper right of the picture": lambda at, tilt: min(at[0], -at[1]) > _BESIDE,

@@ -100,8 +100,7 @@ class Bundle:
         return (self._residuals(x)[0] ** 2).sum(axis=-1)
 
     def _residuals(self, x: Geometry) -> tuple[np.ndarray, ...]:
-        """Residuals (K, N, 2), the ways d - rho p (K, N, 3) in the world, their lengths, predicted bearings, which are
-        in front."""
+        """Residuals (K, N, 2), the ways d - rho p (K, N, 3) in the world, their lengths, bearings; whether in front."""
         way = x.d - x.rho[:, None] * x.p[:, None]
         q = way @ x.R_WC
         length = np.maximum(np.linalg.norm(q, axis=-1), 1e-9)

@@ -8,8 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from activeslam_gym.camera import camera_of
 from activeslam_gym.config import Scenario, is_number
 from activeslam_gym.files import text_of
+from activeslam_gym.kernels import Record
 from activeslam_gym.vision.settings import FOCAL_PX, LEAST_SIDE
 
 
@@ -28,8 +30,7 @@ class Calibration(NamedTuple):
         """Pixels of an image, along a side, to one of the pyramid's level that is searched: a power of two.
 
         It brings the focal length nearest to FOCAL_PX, so that templates have the same angle in images of every size.
-        Of a narrow lens, the longer side of the image keeps LEAST_SIDE pixels. An image whose longer side has fewer is
-        enlarged, once.
+        The longer side keeps LEAST_SIDE pixels where the lens is narrow; a shorter one is enlarged, once.
         """
         side = max(self.image_width, self.image_height)
         halvings = min(max(0, round(math.log2(self.focal_px / FOCAL_PX))), math.floor(math.log2(side / LEAST_SIDE)))
@@ -40,6 +41,11 @@ class Calibration(NamedTuple):
         width, height, focal, x, y, distortion = self
         middle = ((x + 0.5) / scale - 0.5, (y + 0.5) / scale - 0.5)
         return Calibration(int(width / scale), int(height / scale), focal / scale, *middle, distortion * scale**2)
+
+    @property
+    def camera(self) -> Record:
+        """The lens as a CAMERA, at the size of the images."""
+        return camera_of(Scenario(**self._asdict()))
 
     def scenario(self, **fields: Any) -> Scenario:
         """A scenario with this camera, at the level that is searched; ``fields`` are other fields of `Scenario`."""

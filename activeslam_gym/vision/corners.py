@@ -18,8 +18,7 @@ def new_corners(
     Each is the strongest corner of the cell that has the fewest features, at least ``radius`` pixels from the
     ``occupied`` pixels (m, 2) and from each other, ``border`` pixels inside the image, of strength ``least`` or more.
     It is the pixel where the edges meet (Foerstner and Guelch 1987): the strength is nearly the same wherever the
-    window holds the corner, and a pixel beside the feature would move otherwise than the feature where the view
-    changes.
+    window holds the corner, and a pixel beside the feature moves otherwise when the view changes.
     """
     cv2 = opencv()
     _, strength = cv2.threshold(cv2.cornerMinEigenVal(image, _BLOCK, ksize=3), least, 0.0, cv2.THRESH_TOZERO)

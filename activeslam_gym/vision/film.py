@@ -98,8 +98,7 @@ def film_to(
 
 
 def view(moment: Moment) -> np.ndarray:
-    """(s h, s w, 3) the image, s times as wide where it is small, with the 3-sigma ellipses of the searches, coloured
-    by their outcomes.
+    """(s h, s w, 3) the image, enlarged s times where it is small, with the searches' 3-sigma ellipses by outcome.
 
     Ellipses have a visible size; one that is not finite, or is larger than the picture, is left out.
     """
@@ -156,8 +155,7 @@ def rgb(colour: str) -> tuple[int, int, int]:
 
 
 def _ellipse(picture: np.ndarray, middle: np.ndarray, squares: np.ndarray, colour: str, least: float) -> None:
-    """The ellipse x' M^-1 x = 1 of ``squares`` M [px^2], with axes of ``least`` [px] or more; none that is not finite,
-    or larger than the picture."""
+    """The ellipse x' M^-1 x = 1 of ``squares`` M [px^2], axes of ``least`` [px] or more, if it is not too large."""
     if np.isfinite(middle).all() and np.isfinite(squares).all():
         lengths, axes = np.linalg.eigh(squares)
         if 0.0 < lengths[0] and lengths[1] < (3.0 * max(picture.shape)) ** 2:

@@ -70,8 +70,8 @@ def fiducials_among(points: np.ndarray) -> np.ndarray:
 def refine_corners(image: np.ndarray, camera: Record, corners_px: np.ndarray) -> np.ndarray:
     """Corners (4, 2) [px] of the rectangle in ``image`` (h, w), from corners known to 4 pixels.
 
-    Edge points are found along each side, across it; a side is a straight line of *rays*, where the lens bends nothing;
-    a corner is where two of them meet.
+    Edge points are found along each side; a side is a straight line of *rays*, which the lens does not bend; corners
+    are where two sides meet.
 
     Raises:
         ValueError: a side has too few edge points, so that there is no rectangle at this place.

@@ -1,7 +1,6 @@
 """One image: predict, search, associate, update; then initialisations where the map is thin, and deletions.
 
-The front end finds pixels for predicted features. The filter does not know of images, and decides alone which
-candidates it believes.
+The front end finds pixels for predicted features; the filter, without the image, decides which it believes.
 """
 
 import math
@@ -92,6 +91,7 @@ class FrontEnd:
         """(M,) those of the last image with the filter's answer, in its pixels; new features at the end."""
         self.searched = NOTHING
         """The searches of the last image, in its pixels; none before the second image."""
+        self._image = self._grey = np.zeros((0, 0))  # the last image at the filter's size: uint8, and float32
         self._last_view: np.ndarray | None = None  # pose (7,) from which the map was seen last
         self._blind = 0  # images in a row without the map
         self._scale = 1.0  # pixels of an image, along a side, to one of the filter's
@@ -110,11 +110,11 @@ class FrontEnd:
         are cut from it, or from the picture ``drawn`` (h, w) float32, on planes with ``normal`` (3,) (world, away from
         the camera; zeros: unknown). First features are initialised beside them.
         """
-        image, self._time, self._last_view = self._reduced(image), time_s, self.filter.mean[:7]
-        grey = image.astype(np.float32)
+        self._take(image)
+        self._time, self._last_view = time_s, self.filter.mean[:7]
         for id, pixel in zip(ids.tolist(), pixels):
-            self._template_map.add(id, grey if drawn is None else drawn, pixel, self.filter.mean, normal, 0)
-        self._initialise_features(image, grey, pixels, 4 * self.settings.initialised)
+            self._template_map.add(id, self._grey if drawn is None else drawn, pixel, self.filter.mean, normal, 0)
+        self._initialise_features(pixels, 4 * self.settings.initialised)
 
     def show(self, target: Drawn, normal: np.ndarray, shown_from: np.ndarray | None = None) -> None:
         """The fiducials look as ``target`` draws them, on a plane with ``normal`` (3,) (world, away from the camera);
@@ -163,48 +163,43 @@ class FrontEnd:
     def step(self, image: np.ndarray, time_s: float, u: np.ndarray | None = None) -> FrameLog:
         """Go on to the ``image`` (h, w) uint8 of ``time_s`` [s], under the known accelerations ``u`` (6,), if any."""
         began, s = time.thread_time(), self.settings
-        image = self._reduced(image)
-        grey = image.astype(np.float32)
+        self._take(image)
         self._frame += 1
         dt, self._time = time_s - self._time, time_s
         self.filter.predict(u, dt, self.settings.drift / self._focal)
-        before = self._relocalise(image, grey) if self._is_lost else None
-        self._search(grey)
+        before = self._relocalise() if self._is_lost else None
+        self._search()
         outcome = self.searched.outcome
         searched, found, matched = len(outcome), int((outcome != MISSED).sum()), int((outcome == MATCHED).sum())
         seen = matched >= (s.constellation if self._is_lost else 3)  # so many determine the pose
         if before is not None and not seen:
             self.filter.restore(before)  # the map is not there
-        clear = self._notice(seen, searched)
+        if seen:
+            self._blind, self._last_view = 0, self.filter.mean[:7]
+        elif self._blind > 0 or searched >= s.constellation:
+            self._blind += 1
+        clear = self._blind == 0 or self._blind > s.trials
         dropped = self._heed_target()
-        initialised, deletions = self._learn(image, grey) if clear else (0, 0)
+        initialised, deletions = self._learn() if clear else (0, 0)
         again, metric = before is not None and seen, len(self.filter.fiducials) > 0
         features, deletions = self._template_map.features, deletions + dropped
         counts = features, searched, found, matched, found - matched, initialised, deletions
         return FrameLog(time_s, *counts, clear, not seen, again, metric, 1e3 * (time.thread_time() - began))
 
-    def _reduced(self, image: np.ndarray) -> np.ndarray:
-        """The level of the ``image``'s pyramid that has the size of the filter's camera."""
+    def _take(self, image: np.ndarray) -> None:
+        """Go on to the level of the ``image``'s pyramid that has the size of the filter's camera."""
         ratio = image.shape[1] / self._width
         self._scale = math.floor(ratio) if ratio >= 1.0 else ratio
-        return reduced(image, self._scale)
+        self._image = reduced(image, self._scale)
+        self._grey = self._image.astype(np.float32)
 
     @property
     def _is_lost(self) -> bool:
         return self._blind >= self.settings.lost_after
 
-    def _notice(self, seen: bool, searched: int) -> bool:
-        """Whether so much of the map is in sight that features may be judged and initialised. Remembers the view in
-        which the map was ``seen``, or counts one more image without it."""
-        if seen:
-            self._blind, self._last_view = 0, self.filter.mean[:7]
-        elif self._blind > 0 or searched >= self.settings.constellation:
-            self._blind += 1
-        return self._blind == 0 or self._blind > self.settings.trials
-
-    def _relocalise(self, image: np.ndarray, grey: np.ndarray) -> Belief | None:
-        """Seek the map at the corners of the ``image``, in ``grey`` float32, as it looked when it was seen last. The
-        belief before the camera was put where the map is seen from; None: it was not."""
+    def _relocalise(self) -> Belief | None:
+        """Seek the map at the corners of the image as it looked when it was seen last. The belief before the camera was
+        put where the map is seen from; None: it was not."""
         s = self.settings
         if self._blind % s.lost_after or self._last_view is None:
             return None
@@ -212,10 +207,10 @@ class FrontEnd:
         rows = np.where(ids < 0, -1 - ids, len(self.filter.fiducials) + np.searchsorted(self.filter.ids, ids))
         points, places = self._points(rows), self._template_map.places(ids)
         view, templates = view_from(self.camera, self._last_view), self._template_map.templates
-        which, z_hat = likeliest_corners(image, drawn_templates(view, templates, places, points))
+        which, z_hat = likeliest_corners(self._image, drawn_templates(view, templates, places, points))
         ids, points, places = ids[which], points[which], places[which]
         S = np.tile(_AROUND**2 / self._gate * np.eye(2), (len(ids), 1, 1))
-        found = search(view, self._model, templates, grey, places, points, z_hat, S)
+        found = search(view, self._model, templates, self._grey, places, points, z_hat, S)
         row, peak = found.candidates
         pose = locate(self.camera, ids[row], points[row], found.pixel[row, peak], s.constellation)
         if pose is None:
@@ -224,7 +219,7 @@ class FrontEnd:
         self.filter.place_camera(np.concatenate((pose, np.zeros(6))), PRIOR)
         return before
 
-    def _search(self, grey: np.ndarray) -> None:
+    def _search(self) -> None:
         """Search what may be in view, and update the filter by the candidates, if enough agree."""
         s, mean = self.settings, self.filter.mean
         self._draw_target(self.filter.sight().point)
@@ -235,11 +230,11 @@ class FrontEnd:
         places[self._template_map.change_of_view(places, points, mean) > s.most_change] = -1
         view, templates = view_from(self.camera, mean), self._template_map.templates
         model, least = (self._near, 3) if self._is_lost else (self._model, 1)
-        findings = search(view, model, templates, grey, places, points, z_hat, S)
+        findings = search(view, model, templates, self._grey, places, points, z_hat, S)
         self.candidates = self._candidates(ids, places, findings)
         self.candidates["match"] = matched = self.filter.update(self.candidates, jointly=True, least=least)
         row, peak = (some[matched > 0] for some in findings.candidates)
-        self._template_map.fit_planes(view, grey, places[row], points[row], findings.pixel[row, peak])
+        self._template_map.fit_planes(view, self._grey, places[row], points[row], findings.pixel[row, peak])
         believed = np.any(ids[:, None] == matched, axis=1)
         outcome = np.where(believed, MATCHED, np.where(findings.peaks > 0, DOUBTED, MISSED))
         n = self._scale
@@ -263,8 +258,8 @@ class FrontEnd:
             R[fiducial] += more[:, None, None] * np.eye(2)
         R[~self._template_map.proven(places[row])] *= s.probation**2 if len(self.filter.fiducials) else 1.0
         lens = s.lens_std * (2.0 * np.hypot(*(pixel - self._centre).T) / self._width) ** 2
-        astray = s.residual_weight * self._template_map.residuals(places[row])
-        lasting = s.lasting_std**2 * self._template_map.alike(places[row])
+        astray = s.residual_weight * self._template_map.residual[places[row]]
+        lasting = s.lasting_std**2 * self._template_map.alike[places[row]]
         R += (lens**2 + lasting)[:, None, None] * np.eye(2)
         R += astray[:, :, None] * astray[:, None, :]
         out["id"], out["pixel"], out["R"] = id, pixel, R
@@ -273,7 +268,7 @@ class FrontEnd:
 
     # The map ----------------------------------------------------------------------------------------------------------
 
-    def _learn(self, image: np.ndarray, grey: np.ndarray) -> tuple[int, int]:
+    def _learn(self) -> tuple[int, int]:
         """Initialise new features and delete those that fail: how many."""
         sight, searched = self.filter.sight(), self.searched
         points = self._points(sight.point["row"])
@@ -285,7 +280,7 @@ class FrontEnd:
         places = self._template_map.places(sight.point["id"])
         change = self._template_map.change_of_view(places, points, self.filter.mean)
         occupied = sight.point["z_hat"][(places >= 0) & (change <= self.settings.most_change)]
-        return self._initialise_features(image, grey, occupied, self.settings.initialised), len(failed)
+        return self._initialise_features(occupied, self.settings.initialised), len(failed)
 
     def _heed_target(self) -> int:
         """Restart at the pose that the target shows, where it contradicts the belief: how many features are deleted."""
@@ -305,9 +300,8 @@ class FrontEnd:
     def _expect_depths(self) -> None:
         """New features are expected as far away as fiducials and mapped ones are now.
 
-        Each feature's prior counts as one more measurement of the scale. Where it is wrong by a little for all of them,
-        as a desk's is in a room, the map's scale is soon wrong by more than it knows. Where there are no fiducials, the
-        scale is free.
+        Each feature's prior counts as one more measurement of the scale, which is free without fiducials. Where it is
+        wrong by a little for all, as a desk's is in a room, the map's scale is soon wrong by more than it knows.
         """
         weight, (mean, std) = self.settings.depth_prior, self._prior
         points = np.concatenate((self.filter.positions[self.filter.mapped], self.filter.fiducials))
@@ -319,10 +313,9 @@ class FrontEnd:
         spread = max(math.sqrt(square), self.settings.least_depth_spread * centre)
         self.filter.expected_inverse_depth = centre, spread
 
-    def _initialise_features(self, image: np.ndarray, grey: np.ndarray, occupied: np.ndarray, most: int) -> int:
-        """New features, at the ``most``, where the image has few; when the map is full, those not seen for longest
-        make room."""
-        s, (h, w), edge = self.settings, image.shape, TEMPLATE_HALF + 2
+    def _initialise_features(self, occupied: np.ndarray, most: int) -> int:
+        """At most so many new features where the image has few; in a full map those not seen for longest make room."""
+        s, (h, w), edge = self.settings, self._image.shape, TEMPLATE_HALF + 2
         in_view = int(np.all((occupied >= edge) & (occupied < (w - edge, h - edge)), axis=1).sum())
         wanted = min(most, s.visible - in_view)
         if wanted < s.initialised:
@@ -330,7 +323,7 @@ class FrontEnd:
         if math.isfinite(s.depth_prior):
             self._expect_depths()
         born, count = np.zeros(wanted, DETECTION), 0
-        for pixel in new_corners(image, occupied, wanted, TEMPLATE_SIDE, edge + 6, s.least_corner):
+        for pixel in new_corners(self._image, occupied, wanted, TEMPLATE_SIDE, edge + 6, s.least_corner):
             if self._template_map.features >= self.filter.capacity:
                 oldest = self._template_map.longest_unseen(self.filter.ids, self._frame - s.lost_after)
                 if oldest is None or in_view + count >= s.least_visible:
@@ -338,7 +331,7 @@ class FrontEnd:
                 self._forget(oldest)
             id = self.filter.add_landmark(pixel)
             if id > 0:
-                self._template_map.add(id, grey, pixel, self.filter.mean, _UNKNOWN, self._frame)
+                self._template_map.add(id, self._grey, pixel, self.filter.mean, _UNKNOWN, self._frame)
                 born[count]["match"], born[count]["pixel"] = id, pixel
                 count += 1
         self.candidates = np.concatenate((self.candidates, born[:count]))

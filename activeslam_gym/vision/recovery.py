@@ -35,8 +35,7 @@ pose of seven features errs by, since its error is the map's too, which the prio
 
 @compiled
 def drawn_templates(view: View, templates: Templates, places: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(v, 15, 15) float32 the templates at ``places`` (v,) as the ``points`` (v, 3) look in ``view``, NaN where they
-    cannot be drawn."""
+    """(v, 15, 15) float32 the templates at ``places`` (v,) as ``points`` (v, 3) look in ``view``; NaN: not at all."""
     out = np.full((places.shape[0], TEMPLATE_SIDE, TEMPLATE_SIDE), np.float32(np.nan))
     for a in range(places.shape[0]):
         if not predict_appearance(view, templates, places[a], points[a], out[a]):
@@ -98,8 +97,7 @@ _DISTINCT = 22.5  # squared Mahalanobis distance of that pose from the belief's:
 
 
 class Restart:
-    """Watches the ``fiducials`` (K, 3) of a target, in a ``camera`` whose corners have the deviation ``corner_std``
-    [px]."""
+    """Watches the ``fiducials`` (K, 3) of a target in a ``camera``; ``corner_std``: of their pixels [px]."""
 
     def __init__(self, camera: Record, fiducials: np.ndarray, corner_std: float) -> None:
         self._camera, self._fiducials, self._std = camera, fiducials, corner_std

@@ -132,8 +132,7 @@ def _cross(image: np.ndarray, T: np.ndarray, top: int, left: int, out: np.ndarra
 
 @compiled
 def _correlate_row(image: np.ndarray, sums: np.ndarray, T: np.ndarray, top: int, left: int, out: np.ndarray) -> None:
-    """Normalised cross-correlations (n,) of ``T`` (zero mean, length 1) with the windows of ``image`` whose first pixel
-    is (left + x, top)."""
+    """Normalised cross-correlations (n,) of ``T`` (zero mean, length 1) with windows of ``image``, see `_cross`."""
     n = out.shape[0]
     _cross(image, T, top, left, out)
     bottom = top + TEMPLATE_SIDE

@@ -67,8 +67,8 @@ def steps_from_anywhere(
     """Track the images of ``source`` without a target by a ``front_end`` that has seen nothing: each image, and what
     was seen in it. The images until the start is certain are buffered, and reported then.
 
-    If the start is never certain, or the images are too many to be held, the logs say so. An exception of the source is
-    raised when it is its turn.
+    If the start is never certain, or the images are too many to be held, the logs say so. An exception of the source
+    comes in its turn.
     """
     search, held, reported, filter = Start(calibration), list[tuple[Frame, FrameLog]](), 0, front_end.filter
     certain, ending, motion = False, None, filter.models.motion
@@ -115,7 +115,6 @@ class Start:
 
     def __init__(self, calibration: Calibration) -> None:
         self.corners = Corners(calibration)
-        self._times: list[float] = []
         self._next, self._certain = 0, list[Opening]()
         self.best: Opening | None = None
         """The likeliest so far; the one that is certain is the start."""
@@ -123,11 +122,10 @@ class Start:
     def add(self, time: float, image: np.ndarray) -> FrameLog:
         """Go on to the ``image`` (h, w) uint8 of ``time`` [s]: what was seen in it."""
         began = thread_time()
-        corners, k, before = self.corners, len(self._times), int(self.corners.live.sum())
-        if k and time <= self._times[-1]:
-            raise ValueError(f"times of images must grow, got {time:g} s after {self._times[-1]:g} s")
-        lost = not corners.add(image)
-        self._times.append(time)
+        corners, k, before = self.corners, len(self.corners.seen), int(self.corners.live.sum())
+        if k and time <= (last := corners.seen[-1].time):
+            raise ValueError(f"times of images must grow, got {time:g} s after {last:g} s")
+        lost = not corners.add(time, image)
         if k == corners.since:
             self.best, self._next, self._certain = None, 0, []
         elif k >= self._next and corners.show_parallax():
@@ -138,8 +136,7 @@ class Start:
         return FrameLog(time, *counts, not lost, lost, False, False, 1e3 * (thread_time() - began), False)
 
     def _confirmed(self, opening: Opening | None) -> Opening | None:
-        """The same, and certain only if one of at most half as many images was certain and had the same motion: a few
-        images can agree on a wrong one."""
+        """The same, certain only if one of at most half as many images was so and had the same motion: few can err."""
         if opening is None or not opening.certain:
             return opening
         x, first, half = opening.geometry, int(opening.images[0]), 0.5 * (opening.images[0] + opening.images[-1])
@@ -159,9 +156,10 @@ class Start:
         """Of the n images the cameras (n, 13), at rest, the covariances (n, 6, 6) of position and rotation, whether
         they are certain (n,), and whether they are known (n,): by the best opening, or before it, as long as the camera
         has only turned."""
-        n, best, R_WC = len(self._times), self.best, np.array(self.corners.turns)
+        best, R_WC = self.best, np.array([one.R_WC for one in self.corners.seen])
+        n = len(R_WC)
         cameras, covariances, certain = np.zeros((n, CAMERA_SIZE)), np.tile(_TURNED, (n, 1, 1)), np.zeros(n, bool)
-        known = np.array(self.corners.turned) & (np.arange(n) >= self.corners.since)
+        known = np.array([one.turned for one in self.corners.seen]) & (np.arange(n) >= self.corners.since)
         if best is not None:
             first = int(best.images[0])
             R_WC[first:], cameras[first:, POSITION] = _poses(self.corners, best)
@@ -172,7 +170,7 @@ class Start:
                 covariances[first:, i, j] = np.interp(np.arange(first, n), best.images, own[:, i, j])
             covariances[first:] += _LEAST_VARIANCE * np.eye(6)
             certain[first:], known[first:] = best.certain, True
-            known[:first] &= bool(self.corners.turned[first])
+            known[:first] &= bool(self.corners.seen[first].turned)
         cameras[:, QUATERNION] = np.roll(Rotation.from_matrix(R_WC).as_quat(), 1, axis=1)
         return cameras, covariances, certain, known
 
@@ -184,7 +182,7 @@ class Start:
         """
         x, images, P = best.geometry, best.images, best.covariance
         before, cameras = int(np.searchsorted(images, images[-1] - VELOCITY_IMAGES)), 6 * (len(images) - 1)
-        span = self._times[images[-1]] - self._times[images[before]]
+        span = self.corners.seen[images[-1]].time - self.corners.seen[images[before]].time
         chosen = self.corners.apart(best.corners, most)
         camera, points = np.zeros(CAMERA_SIZE), np.zeros((len(chosen), 3))
         camera[POSITION] = x.p[-1]
@@ -210,7 +208,7 @@ class Start:
 
 def _poses(corners: Corners, opening: Opening) -> tuple[np.ndarray, np.ndarray]:
     """R_WC (n, 3, 3) and positions (n, 3) of the images from the opening's first on, each by its points."""
-    x, numbers = opening.geometry, range(int(opening.images[0]), len(corners.turns))
+    x, numbers = opening.geometry, range(int(opening.images[0]), len(corners.seen))
     R_WC, place = np.tile(x.R_WC[0], (len(numbers), 1, 1)), np.zeros((len(numbers), 3))
     for row, k in enumerate(numbers[1:], 1):
         R_WC[row], place[row] = R_WC[row - 1], place[row - 1]
@@ -279,11 +277,11 @@ def _alike(x: Geometry, y: Geometry) -> bool:
 
 def _hypotheses(corners: Corners, images: np.ndarray, z: np.ndarray) -> list[Geometry]:
     """Geometries to begin with: a flat scene at rest, and what two views tell."""
-    turns, seen = np.array([corners.turns[k] for k in images]), np.isfinite(z[..., 0])
+    turns, seen = np.array([corners.seen[k].R_WC for k in images]), np.isfinite(z[..., 0])
     shared = (seen & seen[-1]).sum(axis=1)
     pair = int(np.flatnonzero(shared >= min(SHARED * seen[-1].sum(), shared[:-1].max()))[0])
     both = seen[pair] & seen[-1]
-    way = np.array([corners.ways[k] for k in images])
+    way = np.array([corners.seen[k].way for k in images])
     share = np.clip((way - way[pair]) / max(way[-1] - way[pair], 1e-9), 0.0, 1.0)[:, None]
     first, last, columns = seen.argmax(axis=0), len(z) - 1 - seen[::-1].argmax(axis=0), np.arange(z.shape[1])
     out = []

@@ -4,8 +4,7 @@ A patch lies on a small plane through the feature. A pixel z of the present imag
 that plane at X = p + d (n . (y - p)) / (n . d); the first camera saw X at the pixel where the stored patch is sampled.
 This is the plane's homography, taken through the distortion of equation 1 on both sides.
 
-The plane of a feature faces the first camera, until matches from other views tell its slopes; that of a fiducial is
-known.
+The plane of a feature faces the first camera until other views tell its slopes; that of a fiducial is known.
 """
 
 import math
@@ -187,11 +186,13 @@ class TemplateMap:
         self.templates = empty_templates(rows)
         self._camera, self._settings = camera, settings
         self._place: dict[int, int] = {}
-        self._tried, self._matched, self._residual = np.zeros(rows), np.zeros(rows), np.zeros((rows, 2))
+        self.residual, self.alike = np.zeros((rows, 2)), np.zeros(rows)
+        """Of the feature at each place its running mean residual (rows, 2) [px], and how often it was matched in nearly
+        the present view (rows,); zero for the target, whose biases are states."""
+        self._tried, self._matched = np.zeros(rows), np.zeros(rows)
         self._keep, self._enough = 1.0 - 1.0 / settings.trials, ENOUGH * settings.trials
         self._seen, self._since = np.zeros(rows, np.int64), np.zeros(rows, np.int64)  # last image, and first of a run
         self._fitted_from, self._slope_covariance = np.zeros((rows, 3)), np.zeros((rows, 2, 2))  # of the plane
-        self._alike = np.zeros(rows)  # matches in nearly the present view
 
     @property
     def features(self) -> int:
@@ -206,10 +207,10 @@ class TemplateMap:
         that hangs already gets new looks, and keeps its record."""
         if id not in self._place:
             self._place[id] = place = int(np.flatnonzero(self.templates.id == 0)[0])
-            for record in (self._tried, self._matched, self._residual):
+            for record in (self._tried, self._matched, self.residual):
                 record[place] = 0.0
             self._seen[place] = self._since[place] = frame
-        self._fitted_from[self._place[id]], self._alike[self._place[id]] = camera[:3], 0.0
+        self._fitted_from[self._place[id]], self.alike[self._place[id]] = camera[:3], 0.0
         self._slope_covariance[self._place[id]] = _SLOPE_STD**2 * np.eye(2)
         view = view_from(self._camera, camera)
         store(view, self.templates, self._place[id], id, grey, np.asarray(pixel, float), normal)
@@ -238,13 +239,12 @@ class TemplateMap:
         """Refine the slopes of the planes of features whose view is new (after Molton, Davison and Reid 2004).
 
         The features at ``places`` (m,) with world points ``points`` (m, 3) were matched at ``pixels`` (m, 2) of
-        ``grey`` (h, w) float32. In one view the error of a template is the same in every image: many images tell no
-        more than one.
+        ``grey`` (h, w) float32. Many images of one view tell no more than one: the template has the same error.
         """
         change = changes_of_view(self._fitted_from[places], view.pose, points)
-        is_new = (change > self._settings.fitted_every) & (self.templates.id[places] > 0)
-        self._alike[places] = np.where(is_new, 0.0, self._alike[places] + 1.0)
-        for k in np.flatnonzero(is_new):
+        is_new, own = change > self._settings.fitted_every, self.templates.id[places] > 0
+        self.alike[places] = np.where(own & ~is_new, self.alike[places] + 1.0, 0.0)
+        for k in np.flatnonzero(own & is_new):
             self._fit_plane(view, grey, int(places[k]), points[k], pixels[k])
 
     def _fit_plane(self, view: View, grey: np.ndarray, place: int, point: np.ndarray, pixel: np.ndarray) -> None:
@@ -279,8 +279,7 @@ class TemplateMap:
         covariance[:], self._fitted_from[place] = P[4:, 4:], view.pose[:3]
 
     def judge(self, ids: Iterable[int], matched: np.ndarray, inside: np.ndarray, frame: int) -> None:
-        """Remember of the searched ``ids`` (m,) which were ``matched`` (m,); a miss counts where the feature is well
-        ``inside`` (m,) the image."""
+        """Remember which of the searched ``ids`` (m,) were ``matched`` (m,); a miss counts if well ``inside`` (m,)."""
         places, keep = self.places(ids), self._keep
         again = places[matched & (frame - self._seen[places] > self._settings.trials)]
         self._since[again] = frame
@@ -293,22 +292,13 @@ class TemplateMap:
         """The running mean, of each feature, of its matched pixel in ``found`` (M,) DETECTION less its pixel in the
         ``sight`` of the updated estimate; of that the share which is noise, and not error of the linearisation, where
         the filter counts that several times: else it would count twice."""
-        row, k = np.nonzero(found["match"][:, None] == sight.point["id"])
+        row, k = np.nonzero((found["match"][:, None] == sight.point["id"]) & (sight.point["id"] > 0))
         found, point = found[row], sight.point[k]
         keep, frames = self._keep, IMAGE_PRODUCT_FRAMES if self._camera.command_known else 0.0
         noise, neglected = np.trace(found["R"], 0, 1, 2), frames * np.trace(point["curvature"], 0, 1, 2)
         weight = (1.0 - keep) * (noise / np.maximum(noise + neglected, 1e-12))[:, None]
         places = self.places(found["match"])
-        self._residual[places] = keep * self._residual[places] + weight * (found["pixel"] - point["z_hat"])
-
-    def residuals(self, places: np.ndarray) -> np.ndarray:
-        """(m, 2) the running mean residual of each of the features at ``places`` (m,) [px]; zero for the target."""
-        return np.where((self.templates.id[places] > 0)[:, None], self._residual[places], 0.0)
-
-    def alike(self, places: np.ndarray) -> np.ndarray:
-        """(m,) how often each of the features at ``places`` (m,) was matched in nearly the present view; zero for the
-        target, whose biases are states."""
-        return np.where(self.templates.id[places] > 0, self._alike[places], 0.0)
+        self.residual[places] = keep * self.residual[places] + weight * (found["pixel"] - point["z_hat"])
 
     def proven(self, places: np.ndarray) -> np.ndarray:
         """(m,) which of the features at ``places`` (m,) were matched in as many images as it takes to judge a feature,
@@ -320,7 +310,7 @@ class TemplateMap:
         """The features that were searched often and found seldom, or not where they should be."""
         s = self._settings
         seldom = (self._tried >= self._enough) & (2.0 * self._matched < self._tried)
-        residual, own = np.hypot(*self._residual.T), self.templates.id > 0
+        residual, own = np.hypot(*self.residual.T), self.templates.id > 0
         searched = own & (self._tried > 0.0)
         typical = median(residual[searched].tolist()) if searched.any() else 0.0
         astray = residual > max(s.most_residual, _ODD * typical)

@@ -20,7 +20,6 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from activeslam_gym.camera import camera_of
 from activeslam_gym.config import Scenario
 from activeslam_gym.files import argument, demand_writable
 from activeslam_gym.motion import CAMERA_DIM
@@ -28,18 +27,16 @@ from activeslam_gym.slam.belief import SPARE_FEATURES
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.bundle import UNIT
 from activeslam_gym.vision.calibration import Calibration
-from activeslam_gym.vision.diagnosis import TURNED, Diagnosis, blemish
-from activeslam_gym.vision.drawing import as_first_seen, drawn
 from activeslam_gym.vision.film import film_to, moment_of
 from activeslam_gym.vision.first_sight import demand_agreement, fiducials_among, seen_corners, start_pose
 from activeslam_gym.vision.frontend import FIRST, FrameLog, FrontEnd, FrontEndSettings
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.other_lenses import lens_from
+from activeslam_gym.vision.report import FREE, TURNED, Diagnosis, TrackFiles, blemish
 from activeslam_gym.vision.settings import FEATURES, FEWEST, MOST
 from activeslam_gym.vision.sources import Frame, SourceError, images_of
 from activeslam_gym.vision.start import steps_from_anywhere
-from activeslam_gym.vision.target import FACING, Target, read_target
-from activeslam_gym.vision.track_files import FREE, TrackFiles
+from activeslam_gym.vision.target import FACING, Target, as_first_seen, drawn, read_target
 from activeslam_gym.vision.views import reduced
 
 HAND_HELD: dict[str, Any] = {
@@ -83,8 +80,7 @@ class Track(NamedTuple):
 
     @property
     def start_certain(self) -> bool:
-        """Whether there was a target, or one motion of the camera explained the images of the start, and the turn since
-        then is known at the end."""
+        """Whether there was a target, or one motion alone explained the start, and the turn since is still known."""
         return self.metric or (len(self.logs) > 0 and self.logs[-1].start_certain)
 
     @property
@@ -112,22 +108,16 @@ def start(
     image: np.ndarray,
     calibration: Calibration,
     target: Target,
-    rate: float,
+    scenario: Scenario,
     settings: FrontEndSettings | None = None,
-    scenario_fields: dict[str, Any] | None = None,
-    features: int = FEATURES,
 ) -> FrontEnd:
-    """A front end that stands before ``target`` and has seen the first ``image``.
-
-    The map has room for so many ``features``.
+    """A front end with the `scenario_of` a camera that stands before ``target`` and has seen the first ``image``.
 
     Raises:
-        ValueError: the image does not fit the calibration, the target is not where it is said to be, or ``features``
-            is out of range.
+        ValueError: the image does not fit the calibration, or the target is not where it is said to be.
     """
     calibration.check_image(image)
-    scenario = _scenario(calibration, True, rate, features, scenario_fields)
-    whole = camera_of(Scenario(**calibration._asdict()))
+    whole = calibration.camera
     try:
         points, corners = seen_corners(image, whole, target)
     except ValueError as error:
@@ -145,15 +135,19 @@ def start(
     return front_end
 
 
-def _scenario(
-    calibration: Calibration, metric: bool, rate: float, features: int, fields: dict[str, Any] | None = None
+def scenario_of(
+    calibration: Calibration, metric: bool, rate: float, features: int = FEATURES, **fields: Any
 ) -> Scenario:
-    """That of a camera in the hand, with room for so many ``features``; ``fields`` are others of it."""
+    """That of a camera in the hand of ``rate`` images a second [Hz], with room for so many ``features`` in the map and
+    with a known scale if ``metric``; ``fields`` are others of it.
+
+    Raises:
+        ValueError: ``features`` is out of range.
+    """
     if not (isinstance(features, int) and FEWEST <= features <= MOST):
         raise ValueError(f"features must be a whole number from {FEWEST} to {MOST}, got {features!r}")
     size = {"landmark_count": features - SPARE_FEATURES}
-    fields = {**HAND_HELD, **size, **({} if metric else UNSCALED), **(fields or {})}
-    return calibration.scenario(frame_time=1.0 / rate, **fields)
+    return calibration.scenario(**HAND_HELD | size | ({} if metric else UNSCALED) | fields, frame_time=1.0 / rate)
 
 
 def follow(
@@ -168,38 +162,33 @@ def follow(
     """Track ``images``; trouble with an image, or Ctrl-C, ends the track, and the part before it is kept.
 
     Without a ``target`` the scale is free, see the module, and the images until the start is certain are reported late
-    (`vision.start`). ``watch`` is called after each image; the first has no log. The map has room for so many
-    ``features``.
+    (`vision.start`). ``watch`` is called after each image; the first has no log. ``features``: of the map, at most.
 
     Raises:
-        SourceError, ValueError: the first image is missing or of the wrong size, or does not show the target, or
-            ``features`` is out of range.
+        SourceError, ValueError: the first image is missing, of the wrong size or without the target; or ``features``.
     """
-    source = _of_size(images, calibration)
+    source, scenario = _of_size(images, calibration), scenario_of(calibration, target is not None, rate, features)
     if target is None:
         home = np.concatenate((np.zeros(3), FACING, np.zeros(6)))
-        front_end = FrontEnd(Filter(_scenario(calibration, False, rate, features), camera=home), settings)
+        front_end = FrontEnd(Filter(scenario, camera=home), settings)
         steps = steps_from_anywhere(source, calibration, front_end)
     else:
         first = next(source)
-        front_end = start(first[1], calibration, target, rate, settings, features=features)
+        front_end = start(first[1], calibration, target, scenario, settings)
         later = ((frame, front_end.step(frame[1], frame[0])) for frame in source)
         steps = chain([(first, FIRST._replace(time=first[0]))], later)
-    filter, trouble = front_end.filter, None
-    times, cameras, covariances, logs = list[float](), list[np.ndarray](), list[np.ndarray](), list[FrameLog]()
+    filter, trouble, rows = front_end.filter, None, list[tuple[float, np.ndarray, np.ndarray, FrameLog]]()
     try:
         for frame, log in steps:
-            times.append(frame[0])
-            cameras.append(filter.mean)
-            covariances.append(filter.camera_covariance[:6, :6])
-            logs.append(log)
-            watch(front_end, frame, log if len(logs) > 1 else None)
+            rows.append((frame[0], filter.mean, filter.camera_covariance[:6, :6], log))
+            watch(front_end, frame, log if len(rows) > 1 else None)
     except (ValueError, KeyboardInterrupt) as error:
-        if not logs:
+        if not rows:
             raise
         trouble = str(error) if isinstance(error, ValueError) else "interrupted"
+    times, cameras, covariances, logs = zip(*rows)
     lost = np.array([log.lost for log in logs])
-    return Track(np.array(times), np.array(cameras), np.array(covariances), logs[1:], lost, filter, trouble)
+    return Track(np.array(times), np.array(cameras), np.array(covariances), [*logs[1:]], lost, filter, trouble)
 
 
 def track(args: Namespace) -> tuple[Track, str]:
@@ -212,6 +201,8 @@ def track(args: Namespace) -> tuple[Track, str]:
         ModuleNotFoundError: OpenCV is not installed.
     """
     opencv()
+    from tqdm import tqdm
+
     folder, diagnosis = Path(args.out), Diagnosis()
     with argument("calibration"):
         lens, straighten = lens_from(args.calibration, args.camera)
@@ -239,8 +230,8 @@ def track(args: Namespace) -> tuple[Track, str]:
             film(moment_of(front_end, frame[1]))
 
     with ExitStack() as at_close:
-        frames = _with_progress(map(straighten, source.frames), source.total)
-        whole = at_close.enter_context(closing(interruptible(frames)))
+        bar = tqdm(map(straighten, source.frames), "track", source.total, unit=" images", disable=None)  # in a terminal
+        whole = at_close.enter_context(closing(interruptible(bar)))
         done = follow(whole, lens, known, source.rate, watch=keep, features=args.features)
         if files is not None:
             points, P = done.filter.points()
@@ -282,15 +273,6 @@ def _of_size(frames: Iterable[Frame], calibration: Calibration) -> Iterator[Fram
         yield frame
     if frame is None:
         raise SourceError("images: there is none; allowed: one or more of (time, grey image)")
-
-
-def _with_progress(frames: Iterable[Frame], total: int | None) -> Iterable[Frame]:
-    """The same, with a progress bar where there is `tqdm` and a terminal."""
-    try:
-        from tqdm import tqdm
-    except ModuleNotFoundError:
-        return frames
-    return tqdm(frames, desc="track", total=total, unit=" images", disable=None)
 
 
 def summary(done: Track) -> str:

@@ -5,8 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from activeslam_gym.camera import camera_of, ray_from_pixel
-from activeslam_gym.config import Scenario
+from activeslam_gym.camera import ray_from_pixel
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.corners import new_corners
@@ -35,11 +34,15 @@ SHARED = 0.6  # of the corners of the last image, in the other one of a pair
 
 
 class Seen(NamedTuple):
-    """What one image shows of the corners."""
+    """One image, and what it shows of the corners."""
 
+    time: float  # [s]
     number: np.ndarray  # (m,) of the corners
     bearing: np.ndarray  # (m, 3) in the camera's axes
     std: np.ndarray  # (m,) [rad]
+    R_WC: np.ndarray  # (3, 3) if the camera only turned
+    way: float  # median way of the corners from the first image on, image by image [px]
+    turned: bool  # whether the camera had only turned so far, since too few corners were seen
 
 
 class Corners:
@@ -48,7 +51,7 @@ class Corners:
     def __init__(self, calibration: Calibration) -> None:
         self.level = max(0.5 * calibration.scale, 1.0)
         """Pixels of an image, along a side, to one of the level of its pyramid in which corners are tracked."""
-        self._camera = camera_of(Scenario(**calibration.reduced(self.level)._asdict()))
+        self._camera = calibration.reduced(self.level).camera
         self._radius = TEMPLATE_SIDE * max(calibration.scale / self.level, 1.0)
         self._image = np.zeros((0, 0), np.uint8)
         self._first, self._d = np.zeros((0, 2)), np.zeros((0, 3))  # pixels and directions at first sight
@@ -56,13 +59,6 @@ class Corners:
         self.pixels = np.zeros((0, 2))
         """(N, 2) of all corners in the last image, at that level; NaN of those that are lost."""
         self.seen: list[Seen] = []
-        """Of each image."""
-        self.turns: list[np.ndarray] = []
-        """(3, 3) R_WC of each image, if the camera only turned."""
-        self.ways: list[float] = []
-        """Median way of the corners from the first image to each, image by image [px]."""
-        self.turned: list[bool] = []
-        """Whether the camera had only turned until each image, since too few corners were seen."""
         self.initialised = 0
         """Corners that are new in the last image."""
         self.since = 0
@@ -73,29 +69,26 @@ class Corners:
         """(N,) which are seen in the last image."""
         return np.isfinite(self.pixels[:, 0])
 
-    def add(self, image: np.ndarray) -> bool:
-        """Go on to the ``image`` (h, w) uint8; whether enough corners were seen in it to tell a turn."""
-        before, image = self.pixels, reduced(image, self.level)
-        if len(self.turns):
+    def add(self, time: float, image: np.ndarray) -> bool:
+        """Go on to the ``image`` (h, w) uint8 of ``time`` [s]; whether it shows enough corners to tell a turn."""
+        before, image, last = self.pixels, reduced(image, self.level), self.seen[-1] if self.seen else None
+        if last:
             self.pixels = self._tracked(self._image, image)
         self._image = image
-        enough, R = int(self.live.sum()) >= FEWEST, self.turns[-1] if self.turns else rotation_matrix(FACING)
-        way = 0.0
+        enough, R = int(self.live.sum()) >= FEWEST, last.R_WC if last else rotation_matrix(FACING)
+        way = last.way if last else 0.0
         if enough:
             live = self.live
             R, residual = _turn(R, self._d[live], *self._rays(self.pixels[live]), self._parts(live))
             self._moved[live] = residual > _MOVED
-            way = float(np.median(np.linalg.norm((self.pixels - before)[live], axis=1)))
+            way += float(np.median(np.linalg.norm((self.pixels - before)[live], axis=1)))
         else:
-            self.pixels, self.since = np.full(self.pixels.shape, np.nan), len(self.turns)
+            self.pixels, self.since = np.full(self.pixels.shape, np.nan), len(self.seen)
         self._grow(image, R)
         here = np.flatnonzero(self.live)
-        self.seen.append(Seen(here, *self._rays(self.pixels[here])))
-        self.turns.append(R)
-        self.ways.append(way + (self.ways[-1] if self.ways else 0.0))
-        again = self.since == len(self.turned)
-        self.turned.append(again or (self.turned[-1] and not self.show_parallax()))
-        return enough or (len(self.turns) == 1 and self.initialised >= FEWEST)
+        turned = last is None or not enough or (last.turned and not self.show_parallax())
+        self.seen.append(Seen(time, here, *self._rays(self.pixels[here]), R, way, turned))
+        return enough or (last is None and self.initialised >= FEWEST)
 
     def _grow(self, image: np.ndarray, R: np.ndarray) -> None:
         """New corners, where many are missing."""
@@ -110,7 +103,7 @@ class Corners:
         self.pixels, self._first = np.vstack((self.pixels, new)), np.vstack((self._first, new))
         self.initialised = len(new)
         self._d = np.vstack((self._d, self._rays(new)[0] @ R.T))
-        self._born = np.append(self._born, np.full(len(new), len(self.turns)))
+        self._born = np.append(self._born, np.full(len(new), len(self.seen)))
         self._moved = np.append(self._moved, np.zeros(len(new), bool))
 
     def _tracked(self, before: np.ndarray, image: np.ndarray) -> np.ndarray:
@@ -140,8 +133,7 @@ class Corners:
         return out[0], PIXEL_STD * np.sqrt(area)
 
     def apart(self, numbers: np.ndarray, most: int) -> np.ndarray:
-        """The places in ``numbers`` (n,) of ``most`` corners or fewer, which are seen in the last image, well inside it
-        and apart."""
+        """The places in ``numbers`` (n,) of at most so many corners that the last image shows well inside and apart."""
         (h, w), margin, chosen = self._image.shape, 0.75 * self._radius, list[int]()
         for k in np.flatnonzero(self.live[numbers]):
             pixel, taken = self.pixels[numbers[k]], self.pixels[numbers[chosen]]
@@ -169,20 +161,20 @@ class Corners:
         """(N,) the corners that two of the ``images`` (K,) show, or more, their bearings (K, N, 3) and stds (K, N)."""
         z, std = np.full((len(images), len(self.pixels), 3), np.nan), np.full((len(images), len(self.pixels)), np.nan)
         for row, k in enumerate(images):
-            numbers, z_k, std_k = self.seen[k]
+            numbers, z_k, std_k = self.seen[k][1:4]
             z[row, numbers], std[row, numbers] = z_k, std_k
         use = np.flatnonzero(np.isfinite(z[..., 0]).sum(axis=0) >= 2)
         return use, z[:, use], std[:, use]
 
     def chosen(self) -> np.ndarray:
         """(K,) images for a bundle adjustment, evenly spaced by the way of the corners; the last is the present one."""
-        last = len(self.turns) - 1
-        angles = [np.trace(R.T @ self.turns[-1]) for R in self.turns[self.since :]]
+        last = len(self.seen) - 1
+        angles = [np.trace(one.R_WC.T @ self.seen[-1].R_WC) for one in self.seen[self.since :]]
         far = np.flatnonzero(np.array(angles) < 1.0 + 2.0 * np.cos(MOST_TURNED))
         first = self.since + (int(far[-1]) + 1 if len(far) else 0)
         shared = np.intersect1d(self.seen[first].number, self.seen[-1].number)
         count = _IMAGES + (0 if len(shared) >= SHARED * self.live.sum() else _MORE)
-        way = np.array(self.ways[first:]) + 1e-3 * np.arange(last - first + 1)
+        way = np.array([one.way for one in self.seen[first:]]) + 1e-3 * np.arange(last - first + 1)
         spaced = first + np.searchsorted(way, np.linspace(way[0], way[-1], count))
         return np.unique([first, *np.minimum(spaced, last), max(first, last - VELOCITY_IMAGES), last])
 

@@ -68,14 +68,10 @@ def projected(camera: Record, pose: np.ndarray, points: np.ndarray) -> np.ndarra
 
 @compiled
 def speeds(camera: Record, mean: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(n,) how fast the ``points`` (n, 3) [m] move in the image of a camera with the ``mean`` (13,) [px/s]; 0 of one
-    behind it."""
+    """(n,) speeds of the ``points`` (n, 3) [m] in the image of a camera with the ``mean`` (13,) [px/s]; 0 behind it."""
     here, there = pixels_of(camera, mean, points), pixels_of(camera, transition(mean, np.zeros(6), _MOMENT), points)
-    out = np.empty(points.shape[0])
-    for k in range(points.shape[0]):
-        speed = math.hypot(there[k, 0] - here[k, 0], there[k, 1] - here[k, 1]) / _MOMENT
-        out[k] = 0.0 if math.isnan(speed) else speed
-    return out
+    out = np.hypot(there[:, 0] - here[:, 0], there[:, 1] - here[:, 1]) / _MOMENT
+    return np.where(np.isnan(out), 0.0, out)
 
 
 def pose_of(turn: np.ndarray, shift: np.ndarray) -> np.ndarray:

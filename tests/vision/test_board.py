@@ -17,11 +17,10 @@ from activeslam_gym.live import source as live_source
 from activeslam_gym.live.device import Device
 from activeslam_gym.live.source import GuidanceError
 from activeslam_gym.vision.board import BOARD, View, find_board, fit_lens
-from activeslam_gym.vision.drawing import printed, printed_value
 from activeslam_gym.vision.first_sight import seen_corners
 from activeslam_gym.vision.other_lenses import Lens, lens_from, projected_by, read_lens
 from activeslam_gym.vision.sources import SourceError, images_of
-from activeslam_gym.vision.target import Board, target_from
+from activeslam_gym.vision.target import Board, printed, printed_value, target_from
 from activeslam_gym.vision.views import projected
 from tests import vision_scene
 from tests.vision_scene import CAMERA, LENS, enlarged, photographed, pose_at

@@ -10,8 +10,7 @@ import pytest
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 pytest.importorskip("yaml", reason="the extra `vision` is not installed")
 
-from activeslam_gym.camera import camera_of, pixel_from_camera_point
-from activeslam_gym.config import Scenario
+from activeslam_gym.camera import pixel_from_camera_point
 from activeslam_gym.vision.other_lenses import Lens, fitted, lens_from, projected_by, read_lens, straightening
 
 MATRIX = np.array(((500.0, 0.0, 310.0), (0.0, 502.0, 245.0), (0.0, 0.0, 1.0)))
@@ -25,7 +24,7 @@ def test_the_residual_is_what_the_pixels_of_points_differ_by(fisheye: bool) -> N
     points = np.random.default_rng(0).uniform((-0.5, -0.4, 1.0), (0.5, 0.4, 1.0), (200, 3))
     project = cv2.fisheye.projectPoints if fisheye else cv2.projectPoints
     theirs = project(points[:, None], np.zeros(3), np.zeros(3), MATRIX, lens.coefficients)[0].reshape(-1, 2)
-    camera, ours = camera_of(Scenario(**found._asdict())), np.empty((200, 2))
+    camera, ours = found.camera, np.empty((200, 2))
     for point, pixel in zip(points, ours):
         assert pixel_from_camera_point(camera, (-point[0], -point[1], point[2]), pixel)  # x left, y up
     away = np.hypot(*(ours - theirs).T)
@@ -47,7 +46,7 @@ def test_images_are_mapped_to_equation_1_to_a_tenth_of_a_pixel(fisheye: bool) ->
     )
     calibration, _, greatest = fitted(lens, "here")
     assert greatest > 1.0  # or there would be nothing to map
-    straighten, camera = straightening(lens, calibration), camera_of(Scenario(**calibration._asdict()))
+    straighten, camera = straightening(lens, calibration), calibration.camera
     for x, y in np.random.default_rng(0).uniform((-0.45, -0.35), (0.45, 0.35), (30, 2)):
         ours, theirs = np.empty(2), projected_by(lens, np.array((x, y)))
         assert pixel_from_camera_point(camera, (-x, -y, 1.0), ours)

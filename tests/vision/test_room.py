@@ -17,8 +17,7 @@ from activeslam_gym.slam.detection import DETECTION
 from activeslam_gym.vision.room import scene as scene_module
 from activeslam_gym.vision.room.camera import FollowedPoints, RoomCamera, target_seen
 from activeslam_gym.vision.room.geometry import Scene
-from activeslam_gym.vision.room.lens import Lens, lens_of
-from activeslam_gym.vision.room.render import Sensor, render
+from activeslam_gym.vision.room.render import Lens, Sensor, lens_of, render
 from activeslam_gym.vision.room.scene import draw_scene
 from activeslam_gym.vision.room.shading import SIZE
 from activeslam_gym.vision.search import SEARCH, Findings, search

@@ -16,19 +16,18 @@ cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
 from activeslam_gym.__main__ import main
 from activeslam_gym.camera import camera_of
-from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import quaternion_exp, rotation_error, rotation_matrix
 from activeslam_gym.live.source import ROOM
 from activeslam_gym.motion import CAMERA_SIZE, QUATERNION
 from activeslam_gym.vision.bundle import Bundle, Geometry
 from activeslam_gym.vision.calibration import Calibration
-from activeslam_gym.vision.diagnosis import TURNED
 from activeslam_gym.vision.first_sight import seen_corners, start_pose
+from activeslam_gym.vision.report import TURNED
 from activeslam_gym.vision.room.camera import RoomCamera
 from activeslam_gym.vision.sources import Frame
 from activeslam_gym.vision.start import Start
 from activeslam_gym.vision.target import CORNERS, FACING, target_from
-from activeslam_gym.vision.track import AT_REST, UNCERTAIN, Track, follow, start, summary
+from activeslam_gym.vision.track import AT_REST, UNCERTAIN, Track, follow, scenario_of, start, summary
 from activeslam_gym.vision.views import projected
 from studies.excerpts import _ROOM as EXCERPTS
 from tests import vision_scene
@@ -41,6 +40,7 @@ POSES = [
     pose_at((0.0, 0.0, 0.36), (0, 0, 2.0)),
 ]
 RECTANGLE: dict[str, Any] = vision_scene.target_fields(POSES[0])
+SCENARIO = scenario_of(LENS, True, 30.0)
 CORNERS_PX = list(RECTANGLE["corners_px"].values())
 both_kinds = pytest.mark.parametrize("fields", [CHARUCO, APRILTAG], ids=lambda fields: fields["kind"])
 
@@ -174,9 +174,9 @@ def test_a_camera_that_only_turns_in_a_room_stays_where_it_is_and_the_user_is_wa
 def test_a_target_that_contradicts_the_image_is_refused(fields, change) -> None:
     board = fields["kind"] != "rectangle"
     image = board_on_the_plane(target_from(fields), POSES[0], 2) if board else image_from(POSES[0], target=True)
-    start(image, LENS, target_from(fields), 30.0)
+    start(image, LENS, target_from(fields), SCENARIO)
     with pytest.raises(ValueError, match="contradicts the first image"):
-        start(image, LENS, target_from({**fields, **change}), 30.0)
+        start(image, LENS, target_from({**fields, **change}), SCENARIO)
 
 
 SIZE = (640, 480)
@@ -189,7 +189,7 @@ def lens_of(focal: float) -> Calibration:
 
 def flown(lens: Calibration, cameras: np.ndarray, seed: int = 5) -> Track:
     """The track through images of a rendered room."""
-    room = RoomCamera(EXCERPTS, camera_of(Scenario(**lens._asdict())), np.random.SeedSequence(seed))
+    room = RoomCamera(EXCERPTS, lens.camera, np.random.SeedSequence(seed))
     return follow([(k / 30.0, room.photograph(camera, k)) for k, camera in enumerate(cameras)], lens, None, 30.0)
 
 

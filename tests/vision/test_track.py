@@ -20,10 +20,10 @@ from activeslam_gym.__main__ import main, parser
 from activeslam_gym.geometry import rotation_error
 from activeslam_gym.vision.first_sight import start_pose
 from activeslam_gym.vision.other_lenses import lens_from
+from activeslam_gym.vision.report import TrackFiles
 from activeslam_gym.vision.sources import images_of
 from activeslam_gym.vision.target import read_target
 from activeslam_gym.vision.track import follow, track
-from activeslam_gym.vision.track_files import TrackFiles
 from activeslam_gym.vision.views import projected, reduced
 from tests.vision_scene import CAMERA, LENS, TARGET, enlarged, image_from, path, pose_at, target_fields
 

@@ -9,13 +9,11 @@ from activeslam_gym.camera import world_from_camera
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import quaternion_product, rotation_matrix
 from activeslam_gym.kernels import Record
-from activeslam_gym.vision.drawing import printed_rectangle
 from activeslam_gym.vision.frontend import FrontEnd
 from activeslam_gym.vision.room.geometry import points_in_sight
-from activeslam_gym.vision.room.lens import lens_of
-from activeslam_gym.vision.room.render import Sensor, render
+from activeslam_gym.vision.room.render import Sensor, lens_of, render
 from activeslam_gym.vision.room.scene import ORIGIN, SHEET_SIZE, TARGET_SIZE, draw_scene
-from activeslam_gym.vision.target import FACING, Rectangle
+from activeslam_gym.vision.target import FACING, Rectangle, printed_rectangle
 from activeslam_gym.vision.views import pixels_of
 
 TARGET_CORNERS = 4  # fiducials of a room: the corners of its target
@@ -28,7 +26,7 @@ class RoomCamera:
     """Photographs the room of ``seed``, with noise of its own; its ``lens`` is the true one, see `lens_of`; the target
     is before ``start`` (7,), a pose along an axis of the room.
 
-    ``scene``: the room; `fiducials` (4, 3) [m]: the corners of its target.
+    ``scene``: the room; `fiducials` (4, 3) [m]: the corners of its target; ``lens``: its rays.
     """
 
     def __init__(
@@ -42,26 +40,20 @@ class RoomCamera:
         room, noise = seed.spawn(2)
         self.scene = draw_scene(scenario, np.random.default_rng(room), start)
         self.fiducials = self.scene.target
-        self._sensor, self._lens = Sensor(), lens_of(lens, rays)
+        self._sensor, self.lens = Sensor(), lens_of(lens, rays)
         self._key = noise.generate_state(1, np.uint64)
 
     def photograph(self, state: np.ndarray, frame: int) -> np.ndarray:
         """The image (H, W) uint8 of ``frame`` from ``state`` (13,): position, quaternion, and their velocities."""
-        return render(self.scene, self._lens, self._sensor, state, frame, self._key)
+        return render(self.scene, self.lens, self._sensor, state, frame, self._key)
 
     def points(self, state: np.ndarray, pixel: np.ndarray, image: np.ndarray) -> np.ndarray:
-        """(m, 3) the scene points that a feature at ``pixel`` (2,) of the ``image`` from ``state`` may follow [m], the
-        likeliest first."""
-        return points_in_sight(self.scene, state, self._lens.camera, image, pixel)
-
-    def pixels(self, state: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """(m, 2) the pixels of ``points`` (m, 3) from ``state``; NaN of one behind the camera."""
-        return pixels_of(self._lens.camera, state, points)
+        """(m, 3) [m] what a feature at ``pixel`` (2,) of the ``image`` from ``state`` may follow, likeliest first."""
+        return points_in_sight(self.scene, state, self.lens.camera, image, pixel)
 
 
 def introduce_target(front_end: FrontEnd, fiducials: np.ndarray, start: np.ndarray = ORIGIN) -> None:
-    """Tell the front end the looks of the ``fiducials`` (4, 3) of a room: corners of the target, as it is printed, that
-    hangs before ``start`` (7,)."""
+    """Tell the front end the looks of the ``fiducials`` (4, 3): corners of the room's target before ``start`` (7,)."""
     facing = quaternion_product(FACING, start[3:] * (1, -1, -1, -1))
     normal = np.array(world_from_camera(rotation_matrix(start[3:]), _AHEAD))
     front_end.show(partial(target_seen, front_end.camera, fiducials.mean(axis=0), facing=facing), normal)
@@ -105,7 +97,7 @@ class FollowedPoints:
                 self._points[match] = points = self._camera.points(state, pixel, image)
                 self._gains[match] = np.zeros(len(points))
             elif match > 0 and len(self._points[match]) > 1:
-                seen = self._camera.pixels(state, self._points[match])
+                seen = pixels_of(self._camera.lens.camera, state, self._points[match])
                 errors = np.minimum(((seen - pixel) ** 2).sum(axis=1), _GROSS)
                 apart = ((seen - seen[0]) ** 2).sum(axis=1) > _TELLING**2
                 self._gains[match] += np.where(apart, errors[0] - errors, 0.0)

@@ -1,5 +1,4 @@
-"""The room as data: textured rectangles, on the inside of the room and on the outsides of boxes; rays that meet them,
-and those in view of a pose.
+"""The room as data: textured rectangles, inside the room and outside boxes; rays that meet them, those in view.
 
 A rectangle is corner + s along + t down with s and t in [0, 1]; to somebody who faces it, ``along`` runs to the right
 and ``down`` downwards. It is seen from the side of its normal alone.
@@ -15,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.camera import ray_from_pixel, world_from_camera
+from activeslam_gym.camera import camera_from_world, ray_from_pixel, world_from_camera
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record, compiled, record
 from activeslam_gym.motion import QUATERNION
@@ -116,26 +115,17 @@ def _sight_of(surface: Record, origin: np.ndarray, R_WC: np.ndarray, sight: Reco
     With d the ray in the world, n the normal and h = n . (p - corner): 1/depth = w = -n . d / h. Along the edge a, the
     share of the way is s = a . (p + d/w - corner) / a.a, so that s w = w a . (p - corner) / a.a + a . d / a.a.
     """
-    height, along, down, along_square, down_square = 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(3):
-        away = origin[i] - surface.corner[i]
-        height += surface.normal[i] * away
-        along += surface.along[i] * away
-        down += surface.down[i] * away
-        along_square += surface.along[i] ** 2
-        down_square += surface.down[i] ** 2
+    n, a, d, texel, texels = surface.normal, surface.along, surface.down, surface.texel, surface.texels
+    away = origin[:3] - surface.corner
+    height = np.sum(n * away)
     if height < _NEAREST:
         return False
-    texel, texels = surface.texel, surface.texels
+    along, down, along_square, down_square = np.sum(a * away), np.sum(d * away), np.sum(a * a), np.sum(d * d)
+    n_C, a_C, d_C = camera_from_world(R_WC, n), camera_from_world(R_WC, a), camera_from_world(R_WC, d)
     for j in range(3):
-        n_j, a_j, d_j = 0.0, 0.0, 0.0
-        for i in range(3):
-            n_j += R_WC[i, j] * surface.normal[i]
-            a_j += R_WC[i, j] * surface.along[i]
-            d_j += R_WC[i, j] * surface.down[i]
-        w = -n_j / height
-        u = texels[0] * (w * along + a_j) / along_square + texel[0] * w
-        v = texels[1] * (w * down + d_j) / down_square + texel[1] * w
+        w = -n_C[j] / height
+        u = texels[0] * (w * along + a_C[j]) / along_square + texel[0] * w
+        v = texels[1] * (w * down + d_C[j]) / down_square + texel[1] * w
         sight.rows[0, j], sight.rows[1, j], sight.rows[2, j] = u, v, w
         sight.inside[0, j], sight.inside[1, j] = u - texel[0] * w, (texel[0] + texels[0]) * w - u
         sight.inside[2, j], sight.inside[3, j] = v - texel[1] * w, (texel[1] + texels[1]) * w - v

@@ -10,13 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.camera import camera_from_world, pixel_jacobian
+from activeslam_gym.camera import camera_from_world, pixel_jacobian, ray_from_pixel, ray_jacobian
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.kernels import compiled
+from activeslam_gym.kernels import Record, compiled
 from activeslam_gym.motion import QUATERNION
 from activeslam_gym.vision.room.geometry import SIGHT, Scene, candidates, inverse_depth_at, look
-from activeslam_gym.vision.room.lens import TILE, TILE_HEIGHT, TILE_WIDTH, Lens
-from activeslam_gym.vision.room.shading import COLOUR, REST, VECTORS, add_rectangle
+from activeslam_gym.vision.room.shading import COLOUR, REST, TILE, TILE_HEIGHT, TILE_WIDTH, VECTORS, add_rectangle
 from activeslam_gym.world.noise import normals, uniforms
 
 PAD = 20  # pixels by which pictures are continued on each side while they are worked on
@@ -40,6 +39,48 @@ class Sensor(NamedTuple):
     gain_period: int = 60  # frames between two independent gains; smooth between them
     side: float = 0.125  # weight of each neighbour in the lens's blur
     noise: np.ndarray = _NOISE
+
+
+class Lens(NamedTuple):
+    """A camera's rays, worked out once for every pixel, so that its distortion costs nothing a frame, and kept tile by
+    tile. Pixel (0, 0) is the centre of the top left pixel."""
+
+    camera: Record
+    columns: int  # tiles side by side; the last may reach over the image's edge
+    rays: np.ndarray  # (tiles, 5, TILE) float32: x and y of each ray (x, y, 1); dx/du, dx/dv = dy/du, dy/dv [1/px]
+    bounds: np.ndarray  # (tiles, 4): least x, greatest x, least y, greatest y of a tile and a pixel around it
+    image_bounds: np.ndarray  # (4,) the same for the whole image
+
+
+def lens_of(camera: Record, rays: np.ndarray | None = None) -> Lens:
+    """The table of a camera, whose width and height are whole numbers; of a lens of another model, the ``rays``
+    (H, W, 2) of its pixels: x to the left and y up at depth 1."""
+    columns, rows = -(-int(camera.width) // TILE_WIDTH), -(-int(camera.height) // TILE_HEIGHT)
+    table = np.empty((5, rows * TILE_HEIGHT, columns * TILE_WIDTH))
+    _trace(camera, table)
+    if rays is not None:
+        h, w = rays.shape[:2]
+        (dv_x, du_x), (dv_y, du_y) = (np.gradient(rays[..., axis]) for axis in (0, 1))
+        table[:, :h, :w] = rays[..., 0], rays[..., 1], du_x, 0.5 * (dv_x + du_y), dv_y
+    by_tile = table.reshape(5, rows, TILE_HEIGHT, columns, TILE_WIDTH).transpose(1, 3, 0, 2, 4)
+    rays = by_tile.reshape(rows * columns, 5, TILE)
+    reach = np.abs(rays[:, 2:]).sum(1)  # of a pixel
+    low, high = ((rays[:, :2] + sign * reach[:, None]) for sign in (-1, 1))
+    bounds = np.stack([low.min(2), high.max(2)], axis=2).reshape(-1, 4)
+    image_bounds = np.array([bounds[:, 0].min(), bounds[:, 1].max(), bounds[:, 2].min(), bounds[:, 3].max()])
+    return Lens(camera, columns, np.ascontiguousarray(rays, np.float32), bounds, image_bounds)
+
+
+@compiled
+def _trace(camera: Record, table: np.ndarray) -> None:
+    """Fill the ``table`` (5, H, W), as `Lens.rays` has it, row by row."""
+    pixel = np.empty(2)
+    for v in range(table.shape[1]):
+        for u in range(table.shape[2]):
+            pixel[0], pixel[1] = u, v
+            ray, slope = ray_from_pixel(camera, pixel), ray_jacobian(camera, pixel)
+            table[0, v, u], table[1, v, u] = ray[0], ray[1]
+            table[2, v, u], table[3, v, u], table[4, v, u] = slope[0, 0], slope[0, 1], slope[1, 1]
 
 
 @compiled
@@ -114,8 +155,7 @@ def gain(sensor: Sensor, frame: int, key: np.ndarray) -> float:
 
 @compiled
 def developed(picture: np.ndarray, sensor: Sensor, frame: int, key: np.ndarray, shape: tuple) -> np.ndarray:
-    """Grey values (H, W) uint8, of that ``shape``, of the light in ``picture``: gain, noise, rounding, and no more than
-    white."""
+    """Grey values uint8 of that ``shape`` (H, W) by the light in ``picture``: gain, noise, white at most, rounding."""
     image, rows = np.empty(shape, np.uint8), uniforms(key, _DRAWS * frame, shape[0])
     factor, std = np.float32(gain(sensor, frame, key)), np.float32(sensor.noise_std)
     black, white, half = np.float32(0.0), np.float32(255.0), np.float32(0.5)
@@ -150,8 +190,7 @@ def render(scene: Scene, lens: Lens, sensor: Sensor, state: np.ndarray, frame: i
 
 @compiled
 def _exposed(scene: Scene, lens: Lens, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The light in each pixel, float32 [grey levels], whole tiles with a margin of PAD around them; and the inverse
-    depth of each tile (tiles,) [1/m]."""
+    """The light in each pixel of whole tiles and PAD around, float32 [grey levels]; inverse depths (tiles,) [1/m]."""
     tiles, surfaces = lens.rays.shape[0], scene.surfaces.shape[0]
     rows, columns = tiles // lens.columns * TILE_HEIGHT, lens.columns * TILE_WIDTH
     picture, inverse_depths = np.empty((rows + 2 * PAD, columns + 2 * PAD), np.float32), np.zeros(tiles)

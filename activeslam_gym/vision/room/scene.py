@@ -1,6 +1,7 @@
 """Draw a room: its boxes, the posters on its walls, and the known target before the start."""
 
 import itertools
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -32,6 +33,9 @@ ORIGIN = np.eye(1, 7, 3)[0]
 """The pose at the room's centre, facing +Z: position and quaternion."""
 
 Rectangles = list[Record]  # of SURFACE
+Spot = tuple[Record, float, float, tuple[float, float] | None]
+"""Of a poster: its face, its least and greatest width, and the part of the face's length that it may be in [m], or
+None: all of it."""
 
 
 def draw_scene(scenario: Scenario, rng: np.random.Generator, start: np.ndarray = ORIGIN) -> Scene:
@@ -42,23 +46,19 @@ def draw_scene(scenario: Scenario, rng: np.random.Generator, start: np.ndarray =
     All is drawn in the camera's frame, and then turned and shifted. Where it finds no place, that is a NoRoomError.
     """
     turn = np.round(rotation_matrix(start[QUATERNION]))
-    room = _box_of((0.5 * np.array([[-1.0], [1.0]]) * np.array(scenario.room_size) - start[POSITION]) @ turn)
+    ends = 0.5 * np.array([[-1.0], [1.0]]) * np.array(scenario.room_size)
+    room = np.sort((ends - start[POSITION]) @ turn, axis=0)
     board = np.array(SHEET_SIZE)
     try:
         boxes = _draw_boxes(room, _draw_cabinet(room, scenario.fiducial_distance, board, rng), rng)
     except NoRoomError as error:
         raise NoRoomError(f"scenario.room_size must leave space for {error}, got {scenario.room_size}") from None
-    walls, sides = _faces(room, inside=True), [_faces(box) for box in boxes]
+    walls, sides = _faces(room, len(boxes), inside=True), [_faces(box, k) for k, box in enumerate(boxes)]
     target = _decal(sides[0][4], np.array([0.5 * _CABINET[0], 0.5 * board[1] + 0.05]), board)
     _paper(target, texture_range(textures.target)[0])
     bare = scenario.landmark_layout == CLUSTERS
-    if bare:
-        posters = _draw_groups(walls, scenario.cluster_count, target, rng)
-    else:
-        posters = _draw_posters(walls, sides, target, rng)
-    for owner, faces in enumerate([*sides, walls]):
-        for surface in faces:
-            surface.owner = owner
+    spots = _spots_in_groups(walls, scenario.cluster_count, rng) if bare else _spots_everywhere(walls, sides, rng)
+    posters = _hang_posters(spots, target, rng)
     if bare:
         for surface in itertools.chain(walls, *sides):
             _paper(surface, rng.choice(texture_range(textures.plaster)), 2.0, surface.brightness)
@@ -75,8 +75,8 @@ def draw_scene(scenario: Scenario, rng: np.random.Generator, start: np.ndarray =
         every[field] = every[field] @ turn.T
     every["corner"] += start[POSITION]
     every["plane"] = _planes_of(every["normal"], every["corner"])
-    placed = [_box_of(box @ turn.T + start[POSITION]) for box in boxes]
-    return Scene(every, np.array(placed), corners @ turn.T + start[POSITION], texture_library(0))
+    placed = np.sort(boxes @ turn.T + start[POSITION], axis=1)
+    return Scene(every, placed, corners @ turn.T + start[POSITION], texture_library())
 
 
 def _planes_of(normals: np.ndarray, corners: np.ndarray) -> np.ndarray:
@@ -86,13 +86,8 @@ def _planes_of(normals: np.ndarray, corners: np.ndarray) -> np.ndarray:
     return (np.maximum(turned, apart) < 1e-9).argmax(axis=1)
 
 
-def _box_of(corners: np.ndarray) -> np.ndarray:
-    """(2, 3) the lowest and the highest corner of a box with two opposite ``corners`` (2, 3)."""
-    return np.sort(corners, axis=0)
-
-
-def _faces(box: np.ndarray, inside: bool = False) -> Rectangles:
-    """The six faces of a box (2, 3), seen from outside or from ``inside``; -X, +X, -Y, +Y, -Z, +Z.
+def _faces(box: np.ndarray, owner: int, inside: bool = False) -> Rectangles:
+    """The six faces of a box (2, 3) of the number ``owner``, seen from outside or from ``inside``; -X, +X, ..., +Z.
 
     Upright faces have ``down`` = -Y. Directions obey down x along = normal.
     """
@@ -106,7 +101,7 @@ def _faces(box: np.ndarray, inside: bool = False) -> Rectangles:
         along, down = along * np.abs(along @ extent), down * np.abs(down @ extent)
         surface = np.zeros(1, SURFACE)[0]
         surface.corner, surface.along, surface.down = middle - 0.5 * (along + down), along, down
-        surface.normal, surface.brightness = normal, 1.0
+        surface.normal, surface.owner, surface.brightness = normal, owner, 1.0
         faces.append(surface)
     return faces
 
@@ -178,44 +173,39 @@ def _stands_free(box: np.ndarray, others: list[np.ndarray]) -> bool:
     )
 
 
-def _draw_posters(walls: Rectangles, sides: list[Rectangles], target: Record, rng: np.random.Generator) -> Rectangles:
-    """Posters on the upright faces of the room and the boxes, none over another, and most of them different."""
-    pictures = rng.permutation(texture_range(textures.poster))
-    on_walls = [(len(sides), walls[k], 0.45, 0.95) for k in _UPRIGHT] * 3
-    on_boxes = [(owner, box[k], 0.2, 0.32) for owner, box in enumerate(sides) for k in _UPRIGHT]
-    faces = on_walls + [on_boxes[i] for i in rng.permutation(len(on_boxes))]
-    posters: Rectangles = []
-    while len(posters) < _POSTERS:
-        owner, on, smallest, largest = faces[len(posters) % len(faces)]
-        poster = _place(on, [target, *posters], rng.uniform(smallest, largest), rng)
+def _spots_everywhere(walls: Rectangles, sides: list[Rectangles], rng: np.random.Generator) -> Iterator[Spot]:
+    """Of posters on the upright faces of the room and the boxes."""
+    on_walls: list[Spot] = [(walls[k], 0.45, 0.95, None) for _ in range(3) for k in _UPRIGHT]
+    on_boxes: list[Spot] = [(box[k], 0.2, 0.32, None) for box in sides for k in _UPRIGHT]
+    spots = on_walls + [on_boxes[i] for i in rng.permutation(len(on_boxes))]
+    yield from spots[:_POSTERS]
+
+
+def _spots_in_groups(walls: Rectangles, count: int, rng: np.random.Generator) -> Iterator[Spot]:
+    """Of ``count`` groups of posters on the upright walls of the room, each in a square as high as the wall."""
+    upright = [walls[k] for k in _UPRIGHT]
+    lengths = np.array([_sides(wall)[0] for wall in upright])
+    for chosen in rng.choice(len(upright), count, p=lengths / lengths.sum()):
+        length, height = _sides(upright[chosen])
+        begin = rng.uniform(0.0, max(length - height, 0.0))
+        yield from [(upright[chosen], 0.35, 0.7, (begin, min(begin + height, length)))] * _GROUP
+
+
+def _hang_posters(spots: Iterator[Spot], target: Record, rng: np.random.Generator) -> Rectangles:
+    """A poster at each of the ``spots``, none over another or the ``target``, and most of them different."""
+    pictures, posters = rng.permutation(texture_range(textures.poster)), list[Record]()
+    for on, smallest, largest, along in spots:
+        poster = _place(on, [target, *posters], rng.uniform(smallest, largest), rng, along)
         _paper(poster, pictures[len(posters) % len(pictures)])
-        poster.owner = owner
         posters.append(poster)
     return posters
 
 
-def _draw_groups(walls: Rectangles, count: int, target: Record, rng: np.random.Generator) -> Rectangles:
-    """``count`` groups of posters on the upright walls of the room, each in a square as high as the wall."""
-    pictures, upright = rng.permutation(texture_range(textures.poster)), [walls[k] for k in _UPRIGHT]
-    lengths, posters = np.array([_sides(wall)[0] for wall in upright]), list[Record]()
-    for chosen in rng.choice(len(upright), count, p=lengths / lengths.sum()):
-        on, (length, height) = upright[chosen], _sides(upright[chosen])
-        begin = rng.uniform(0.0, max(length - height, 0.0))
-        for _ in range(_GROUP):
-            poster = _place(on, [target, *posters], rng.uniform(0.35, 0.7), rng, (begin, min(begin + height, length)))
-            _paper(poster, pictures[len(posters) % len(pictures)])
-            poster.owner = BOX_COUNT
-            posters.append(poster)
-    return posters
-
-
 def _place(
-    on: Record, others: Rectangles, width: float, rng: np.random.Generator, along: tuple[float, float] | None = None
+    on: Record, others: Rectangles, width: float, rng: np.random.Generator, along: tuple[float, float] | None
 ) -> Record:
     """A rectangle about ``width`` [m] wide on a face, a centimetre from the others; smaller where there is no place.
-
-    ``along``: the part of the face's length that it may be in [m]; None: all of it.
-    """
+    ``along``: see `Spot`."""
     sides = _sides(on)
     begin, end = along or (0.0, sides[0])
     taken = np.array([_bounding_box(other) for other in others])

@@ -1,6 +1,6 @@
 """The picture of a tile of the image: coverage by rectangles, and their textures filtered to the size of a pixel.
 
-A tile is a vector of TILE pixels; each step is one short loop over it, which the compiler turns into vector
+A tile of 16 by 8 pixels is a vector of 128; each step is one short loop over it, which the compiler turns into vector
 instructions. All is in 32 bits and without ``fastmath``, so that every machine gives the same bits.
 """
 
@@ -9,8 +9,9 @@ import math
 import numpy as np
 
 from activeslam_gym.kernels import Record, compiled
-from activeslam_gym.vision.room.lens import TILE
 
+TILE_WIDTH, TILE_HEIGHT = 16, 8
+TILE = TILE_WIDTH * TILE_HEIGHT
 SIZE = 256  # texels a side of a texture; a power of two
 _LEVELS = SIZE.bit_length()  # of its pyramid
 
@@ -18,12 +19,11 @@ _ZERO, _HALF, _ONE, _QUARTER = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 _TINY = np.float32(1e-20)
 _LEAST = np.float32(1e-6)  # share of a pixel: less is at a plane's horizon, where squares of texels leave 32 bits
 
-_X, _Y, _X_U, _X_V, _Y_V = range(0, 5 * TILE, TILE)  # vectors in ``rays``, see `Lens.rays`
+_X, _Y, _X_U, _X_V, _Y_V = range(0, 5 * TILE, TILE)  # vectors in ``rays``, see `render.Lens`
 VECTORS = 11  # in ``floats``:
 REST, COLOUR, _WEIGHT, _U, _V, _STEP_U, _STEP_V, _LEVEL, _RIGHT, _BELOW, _GREY = range(0, VECTORS * TILE, TILE)
 """The share of each pixel that is not covered yet, and its grey level so far; the share that the rectangle at hand
-covers; its texel, the step from it to a probe, and the probes' level; where a probe is between four texels; twice the
-rectangle's grey level there."""
+covers; its texel, the step to a probe, and the probes' level; where a probe is between four texels; twice its grey."""
 _EXPONENT = np.int32(23)  # where it begins in a number of 32 bits; its bias is 127
 _ONE_BITS, _HALF_LOG = np.int32(127 << 23), np.float32(0.5 / 2**23)
 _GREATEST = np.float32(4.0 ** (_LEVELS - 3))  # square of the largest texel to be asked for: two levels are above it
@@ -35,8 +35,7 @@ def add_rectangle(
 ) -> None:
     """Lay a rectangle under what a tile shows already. ``whole``: it is known to cover the tile.
 
-    ``rays`` (5 TILE,), ``texture`` (2 SIZE^2,), ``floats`` (VECTORS TILE,) float32; ``places`` (TILE,) uint32 is worked
-    in.
+    ``rays`` (5 TILE,), ``texture`` (2 SIZE^2,), ``floats`` (VECTORS TILE,) float32; ``places`` (TILE,) uint32: scratch.
     """
     H, low, high, brightness = sight.rows, sight.low, sight.high, np.float32(_HALF * sight.brightness)
     rows = (H[0, 0], H[0, 1], H[0, 2], H[1, 0], H[1, 1], H[1, 2], H[2, 0], H[2, 1], H[2, 2])

@@ -11,8 +11,8 @@ A texel holds the four greys that a bilinear look-up at it needs, its own and th
 the right, in one number of 32 bits: one load instead of four.
 """
 
-import functools
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 
@@ -219,15 +219,15 @@ def texture_range(*kinds: Pattern) -> np.ndarray:
     return np.array([index for index, pattern in enumerate(_DRAWN) if pattern in kinds])
 
 
-@functools.lru_cache(maxsize=4)
-def texture_library(seed: int = 0) -> np.ndarray:
-    """The textures (T, 2 SIZE, SIZE) uint32 of a seed. Rooms share it: it is read only, and takes about 16 MB.
+@cache
+def texture_library() -> np.ndarray:
+    """The textures (T, 2 SIZE, SIZE) uint32. Rooms share them: they are read only, and take about 16 MB.
 
     Level l, with s = SIZE / 2^l, has its texels in rows 2 (SIZE - s) … 2 (SIZE - s) + s - 1 and columns 0 … s - 1.
     """
     library = np.zeros((len(_DRAWN), 2 * SIZE, SIZE), np.uint32)
     for index, pattern in enumerate(_DRAWN):
-        picture = pattern(np.random.default_rng([seed, index]), _OVERSAMPLING * SIZE)
+        picture = pattern(np.random.default_rng([0, index]), _OVERSAMPLING * SIZE)
         write_pyramid(np.clip(_halved(picture), 0.0, 255.0), library[index])
     library.flags.writeable = False
     return library

@@ -1,6 +1,7 @@
-"""The files of a track: poses, images, map and belief."""
+"""What a track leaves: its files of poses, images, map and belief, and why images were lost and what would help."""
 
 import csv
+from collections import Counter
 from importlib import metadata
 from io import StringIO
 from pathlib import Path
@@ -10,7 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from activeslam_gym.files import Lines, written_whole
 from activeslam_gym.geometry import quaternion_product
+from activeslam_gym.vision.corners import new_corners
 from activeslam_gym.vision.frontend import FrameLog
+from activeslam_gym.vision.settings import FrontEndSettings
+from activeslam_gym.vision.templates import TEMPLATE_HALF, TEMPLATE_SIDE
 
 FREE = "no target: the scale is free, lengths are in a unit of their own and may drift"
 """The words for a track without a target."""
@@ -38,9 +42,8 @@ _HALF_TURN = np.array((0.0, 0.0, 0.0, 1.0))  # quaternion of diag(-1, -1, 1)
 class TrackFiles:
     """trajectory.tum and frames.csv in ``folder``, to which each image adds a line, and map.csv, written when asked.
 
-    The poses are in TUM's format; see the module. Where the scale is not ``metric``, the first line says so. Lost
-    images have a line in frames.csv only, unless ``keep_lost``. With ``belief`` there is belief.square too, with each
-    pose and its covariance.
+    Poses are in TUM's format, see `vision.track`. Where the scale is not ``metric``, the first line says so. Lost
+    images have a line in frames.csv only, unless ``keep_lost``. With ``belief`` there are covariances in belief.square.
 
     Raises:
         OSError: they cannot be written.
@@ -60,8 +63,7 @@ class TrackFiles:
             self._belief.write(BELIEF.format("se3" if metric else "sim3", version))
 
     def add(self, time: float, camera: np.ndarray, log: FrameLog | None, covariance: np.ndarray | None = None) -> None:
-        """The pose of ``camera`` (>= 7,) at ``time`` [s], its ``covariance`` (6, 6), and the ``log`` of the image, None
-        of the first."""
+        """The pose of ``camera`` (>= 7,) at ``time`` [s], its ``covariance`` (6, 6), and the ``log``, if any."""
         w, x, y, z = quaternion_product(camera[3:7], _HALF_TURN)
         if log is None or not log.lost or self._keep_lost:
             self._poses.write(f"{time:.6f} {' '.join(f'{number:.7f}' for number in (*camera[:3], x, y, z, w))}\n")
@@ -93,3 +95,63 @@ def map_table(ids: np.ndarray, points: np.ndarray, stds: np.ndarray) -> str:
     writer.writerow(("id", "x", "y", "z", "std_x", "std_y", "std_z"))
     writer.writerows((id, *(f"{value:.6f}" for value in row)) for id, row in zip(ids, np.hstack((points, stds))))
     return table.getvalue()
+
+
+_DARK = 40  # an image is dark where 99 % of its pixels are no brighter, of 255
+_FEW_CORNERS = 8  # an image with fewer is blank
+_LOOKED_AT = 60  # lost images whose reason is sought
+_PROVEN = 30  # tracked images after which the lens is not to blame
+_TURNING = 0.2  # share of the map with a known depth, under which the camera has moved sideways too little
+
+DARK = f"is dark (99 % of its pixels have {_DARK} of 255 or less): more light, or a longer exposure, would help"
+TURNED = "the camera had moved sideways by next to nothing, and turning gives no depth"
+BLANK = "has no corners (a blank wall, or blur): keep textured objects in view"
+
+
+def blemish(image: np.ndarray) -> str:
+    """What keeps features from being found in the ``image`` (h, w) uint8, as ``DARK`` or ``BLANK``; or "" ."""
+    if int(np.percentile(image, 99)) <= _DARK:
+        return DARK
+    s, edge = FrontEndSettings(), TEMPLATE_HALF + 8
+    corners = new_corners(image, np.zeros((0, 2)), _FEW_CORNERS, TEMPLATE_SIDE, edge, s.least_corner)
+    return BLANK if len(corners) < _FEW_CORNERS else ""
+
+
+class Diagnosis:
+    """Collects the reasons of lost images."""
+
+    def __init__(self) -> None:
+        self._reasons: Counter[str] = Counter()
+        self._mapped = 1.0
+
+    def add(self, image: np.ndarray, log: FrameLog, mapped: np.ndarray, tracked: int = 0) -> None:
+        """A lost ``image`` (h, w), its ``log``, which features (n,) were ``mapped``, and images ``tracked`` before."""
+        if self._reasons.total() >= _LOOKED_AT:
+            return
+        if not self._reasons:
+            self._mapped = float(mapped.mean()) if len(mapped) else 1.0
+        if spot := blemish(image):
+            reason = f"a lost image {spot}"
+        elif log.found > 2 * max(log.matched, 3) and tracked < _PROVEN:
+            reason = "the matches fit no motion of the camera: check that the calibration is of this lens"
+        elif log.searched < 3:
+            reason = (
+                "the map was out of view, or the motion too quick: slower motion, or more images a second, would help"
+            )
+        else:
+            reason = (
+                "features were not found again (blur, or too quick a motion): slower motion, or more light, would help"
+            )
+        self._reasons[reason] += 1
+
+    def advice(self, target: bool) -> str:
+        """The commonest reason and what would help; ``target``: whether the track started from one."""
+        if not self._reasons:
+            return "nothing was lost"
+        reason, advice = self._reasons.most_common(1)[0][0], []
+        if not reason.startswith("a lost image"):
+            if self._mapped < _TURNING:
+                advice.append(TURNED)
+            if not target:
+                advice.append("a target in the first image may help")
+        return "; ".join([reason, *advice])

@@ -199,7 +199,8 @@ def _shown(paths: Iterable[Path]) -> list[Path]:
     """The files among ``paths`` that are not hidden, in the order of their numbers: 2 before 10, 0.25 before 0.5. A
     SourceError, where 1.9 and 1.10 may be either."""
     shown = [path for path in paths if not path.name.startswith(".") and not path.is_dir()]
-    fractions = [part.partition(".")[2] for path in shown for part in _NUMBER.findall(path.name) if "." in part]
+    numbers = [part for path in shown if path.suffix.lower() in PICTURES for part in _NUMBER.findall(path.name)]
+    fractions = [number.partition(".")[2] for number in numbers if "." in number]
     if len({*map(len, fractions)}) > 1 and any(re.fullmatch(r"\d+0", fraction) for fraction in fractions):
         raise SourceError("decimal numbers in the names of pictures need as many digits in all, or end with no zero")
     return sorted(shown, key=lambda path: [Decimal(x) if k % 2 else x for k, x in enumerate(_NUMBER.split(str(path)))])

@@ -4,13 +4,12 @@ import itertools
 
 import numpy as np
 import pytest
-from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
 from activeslam_gym.metrics import camera_error
 from activeslam_gym.slam.appearance import appearance_of, associate_identified
 from activeslam_gym.slam.association import Hypotheses, association_of, hypotheses, match_jointly
-from activeslam_gym.slam.detection import DETECTION, NEW, REJECTED, condition
+from activeslam_gym.slam.detection import DETECTION, NEW, REJECTED
 from activeslam_gym.slam.filter import Filter, detections_of
 from activeslam_gym.slam.sight import INSIDE, PREDICTED, Sight
 from tests.support import CAMERA, PAPER, moved, pixel_of, random_spd, replaced, world_points
@@ -156,21 +155,3 @@ def test_a_frame_may_be_searched_twice() -> None:
     others = detections_of(PIXELS[2:] + SHIFT / 8, ids=[3, 4], log_ratios=3.0)
     assert filter.update(others, jointly=True).tolist() == [3, 4]
     np.linalg.cholesky(filter.points()[1])
-
-
-def test_conditioning_is_the_gaussians() -> None:
-    """One after the other, each with an R of its own, as all at once by the textbook."""
-    rng = np.random.default_rng(5)
-    z, S, pixels = scene(3, 7, 0)
-    detections = detections_of(pixels)
-    detections["R"] = [random_spd(rng, np.ones(2)) for _ in detections]
-    h, partner = open_hypotheses(z, S, detections), {0: 2, 2: 0, 5: 1}
-    P, rest = h.S.copy(), np.repeat(~np.isin(np.arange(7), [*partner]), 2)
-    for a, i in partner.items():
-        condition(h.z, h.S, a, detections[i])
-    seen = [*partner.values()]
-    G = P[np.ix_(rest, ~rest)] @ np.linalg.inv(P[np.ix_(~rest, ~rest)] + block_diag(*detections["R"][seen]))
-    np.testing.assert_allclose(h.z[rest], z[rest] + G @ (pixels[seen].ravel() - z[~rest]), atol=1e-9)
-    expected = P[np.ix_(rest, rest)] - G @ P[np.ix_(~rest, rest)]
-    np.testing.assert_allclose(h.S[np.ix_(rest, rest)], expected, atol=1e-9)
-    assert np.abs(h.z[rest] - z[rest]).min() > 0.1

@@ -231,9 +231,8 @@ class Search(NamedTuple):
 def match_jointly(model: Record, h: Hypotheses, pair_worth: float, matches: np.ndarray) -> bool:
     """Match the open predictions of ``h`` together, write ``matches`` (v,), and condition the rest on the matches.
 
-    Returns whether another search can find no more: this one took all predictions in reach, or matched none. It is
-    bounded by nodes, never by the clock: where they run out, the sharper half of the predictions is searched by itself,
-    which sharpens the others for the next search.
+    Returns whether another search can find no more: this one took all predictions in reach, or matched none. Its
+    bound is of nodes, never of time: where they run out, the sharper half is searched, which sharpens the others.
     """
     (v, M), matched = h.d2.shape, 0
     spread = np.full(v, np.inf)  # tr S of the predictions in reach: with a detection inside the initialisation gate
@@ -242,6 +241,8 @@ def match_jointly(model: Record, h: Hypotheses, pair_worth: float, matches: np.n
             if h.d2[a, i] < model.new_feature_gate:
                 spread[a] = h.S[2 * a, 2 * a] + h.S[2 * a + 1, 2 * a + 1]
     in_reach = _in_order(spread)[:-1]
+    if in_reach.shape[0] == 0:
+        return True
     scores = _search(model, h, in_reach[:MOST_POINTS], pair_worth)
     for k in range(scores.shape[0]):
         a, answer, best, other = in_reach[k], M, -np.inf, -np.inf
@@ -319,8 +320,7 @@ def _explore(model: Record, h: Hypotheses, search: Search, answer: np.ndarray, s
             search.scores[a, answer[a]] = max(search.scores[a, answer[a]], score)
         search.best[0] = max(search.best[0], score)
         return
-    rest = search.most * min(others, pairs)  # upper bound of what the others add
-    costs = np.full(M, np.inf)
+    rest, costs = search.most * min(others, pairs), np.full(M, np.inf)  # the others add at most the rest
     for i in range(M):
         if h.d2[decided, i] < model.new_feature_gate:
             costs[i] = h.cost[decided, i]

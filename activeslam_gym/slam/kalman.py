@@ -297,10 +297,10 @@ def update_covariance(belief: Belief, W: np.ndarray, delta: np.ndarray) -> None:
     """
     P, dim, m = belief.covariance, belief.state.dim, W.shape[0]
     E, left, right = invariance_correction(belief, delta), np.empty((m + 6, dim)), np.empty((m + 6, dim))
-    B = right[m : m + 3]
+    B, W_theta = right[m : m + 3], W[:, D_ROTATION].copy()
     copy_block(P[D_ROTATION, :dim], B)
     for i in range(3):
-        subtract_from_one(B, i, W[:, D_ROTATION].copy(), W, m, 0, dim)
+        subtract_from_one(B, i, W_theta, W, m, 0, dim)
     add_product(0.5 * B[:, D_ROTATION], E, B)
     copy_block(W, left)
     copy_block(W, right)

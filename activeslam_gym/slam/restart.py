@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from activeslam_gym.config import Scenario
-from activeslam_gym.kernels import Record, borrowing, compiled, constants
+from activeslam_gym.kernels import Record, borrowing, constants
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.belief import Belief
 from activeslam_gym.slam.detection import WAITS, distance_by_own_noise
@@ -42,7 +42,7 @@ RESTART, restart_of = constants(
 """Constants of the restart."""
 
 
-@compiled
+@borrowing
 def contradicted(model: Record, belief: Belief, sight: Sight, detections: np.ndarray, matches: np.ndarray) -> bool:
     """Whether the fiducials have contradicted the belief for a while; takes this frame into the running mean.
 
@@ -53,7 +53,7 @@ def contradicted(model: Record, belief: Belief, sight: Sight, detections: np.nda
         if sight.point[a].id >= 0:
             continue
         if matches[a] >= 0:
-            point, S = sight.point[a], sight.S[2 * a : 2 * a + 2, 2 * a : 2 * a + 2].copy()
+            point, S = sight.point[a], sight.S[2 * a : 2 * a + 2, 2 * a : 2 * a + 2]
             total += min(0.5 * distance_by_own_noise(point.z_hat, S, point.R, detections[matches[a]])[0], MOST)
             count += 1
         elif model.missing > 0.0 and sight.point[a].visibility == INSIDE and matches[a] != WAITS:

@@ -1,4 +1,4 @@
-"""Pictures of a comparison: the paper's figures 2, 3 and 5 for any policies. matplotlib is imported where it draws.
+"""Pictures of a comparison: the paper's figures 2, 3 and 5 b for any policies. matplotlib is imported where it draws.
 
 Each takes policy → episodes by seed, and draws trajectories and maps of the first room.
 """
@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from activeslam_gym import Motion
-from activeslam_gym.evaluation import Episode
+from activeslam_gym import Gaze, Motion
+from activeslam_gym.evaluation import Episode, row_of
 from activeslam_gym.evaluation.episode import nearest
 from activeslam_gym.files import written_whole
 from activeslam_gym.rendering.scene import FIDUCIAL, ellipses
@@ -113,6 +113,24 @@ def maps(by_policy: Runs) -> Figure:
         _title(axes, f"{name}: {first.landmarks_mapped[-1]} mapped", first)
     legend_below(figure, panels[:1])
     figure.suptitle(f"Map and trajectories, episode {_first_seed(by_policy)}, from above ({SIGMAS:g}σ ellipses)")
+    return figure
+
+
+def actions(by_policy: Runs) -> Figure:
+    """Fig. 5 b: shares of the commands, over all episodes; a bar for each policy."""
+    figure, panels = _panels(2, (6.0, 3.4))
+    width = 0.8 / len(by_policy)
+    for axes, choices in zip(panels, (Motion, Gaze)):
+        what = choices.__name__.lower()
+        for i, (name, runs) in enumerate(by_policy.items()):
+            rows = [row_of(run) for run in runs]
+            count = np.array([sum(row[f"{what}_{choice.name.lower()}"] for row in rows) for choice in choices])
+            places = np.arange(len(choices)) + (i - (len(by_policy) - 1) / 2.0) * width
+            axes.bar(places, count / max(count.sum(), 1), width, label=name)
+        axes.set_xticks(range(len(choices)), [choice.name.lower() for choice in choices], fontsize=8)
+        axes.set(title=f"{choices.__name__}, a command each {what} period")
+    panels[0].set(ylabel="share of commands")
+    legend_below(figure, panels[:1], PANELS_A_ROW)
     return figure
 
 

@@ -10,12 +10,18 @@ def _answers(signature: str, answer: str) -> str:
     return f"from activeslam_gym.kernels import compiled\n\n\n@compiled\ndef {signature}:\n    return {answer}"
 
 
+def _constant(make: str, field: str, value: str) -> str:
+    """The function ``make`` of constants, which gives this ``value`` to a ``field``."""
+    lines = f"_filled = {make}", "", "", f"def {make}(scenario):", "    out = _filled(scenario)"
+    return "\n".join((*lines, f"    out.{field} = {value}", "    return out"))
+
+
 REMOVALS: dict[str, dict[str, str]] = {
     "base": {},
     # association
-    "clear-matches": {"slam/association": _answers("_match_clear(model, h, detections, of_point)", "False")},
-    "side-by-side": {"slam/association": _answers("_has_twin(model, points, a)", "False")},
-    "crowded": {"slam/association": _answers("_is_crowded(model, h, a, detections, id)", "False")},
+    "clear-matches": {"slam/association": _answers("_match_clear(model, h, matches)", "False")},
+    "side-by-side": {"slam/association": _constant("association_of", "twin_px", "0.0")},
+    "crowded": {"slam/association": _constant("association_of", "crowded", "0")},
     # update
     "iteration": {"slam/kalman": "ITERATIONS = 0"},
     "products-once": {"slam/sight": "PRODUCT_FRAMES, IMAGE_PRODUCT_FRAMES = 1.0, 1.0"},
@@ -27,11 +33,6 @@ REMOVALS: dict[str, dict[str, str]] = {
     "slopes": {"vision/settings": "SIGHTED = replace(SIGHTED, fitted_every=math.inf)"},
     "wander": {"vision/settings": "SIGHTED = replace(SIGHTED, drift=0.0)"},
     # the rest
-    "restarts": {
-        "slam/restart": "\n".join(
-            ("_filled = restart_of", "", "", "def restart_of(scenario):", "    out = _filled(scenario)")
-            + ("    out.limit = math.inf", "    return out")
-        )
-    },
+    "restarts": {"slam/restart": _constant("restart_of", "limit", "math.inf")},
     "disproof": {"envs/disproof": _answers("disprove(run)", "None")},
 }

@@ -80,7 +80,7 @@ def test_one_compiled_step_serves_every_environment_and_allocates_little(counted
     assert set(counted["left"].values()) == {0}
 
 
-PARTS = "single", "scores"
+PARTS = ("scores",)
 MORE = "batch", "peers", "images"
 
 

@@ -24,9 +24,9 @@ LEARNERS = ["torch", "stable_baselines3"]
 
 
 @pytest.mark.parametrize(("module", "too_slow"), [
-    ("activeslam_gym", [*LEARNERS, "matplotlib", "scipy.stats", "cv2"]),
+    ("activeslam_gym", [*LEARNERS, "matplotlib", "scipy.stats", "scipy.linalg", "cv2"]),
     ("activeslam_gym.vision.track", [*LEARNERS, "matplotlib", "scipy.stats", "cv2"]),
-    ("baselines", [*LEARNERS, "matplotlib", "scipy.stats"]),
+    ("baselines", [*LEARNERS, "matplotlib", "scipy.stats", "scipy.linalg"]),
     ("agents.compare", LEARNERS),  # compare works without them
     ("agents.__main__", LEARNERS),
 ])  # fmt: skip

@@ -11,7 +11,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from activeslam_gym.camera import ray_from_pixel
 from activeslam_gym.config import KNOWN, Scenario
@@ -126,6 +125,8 @@ class Ekf:
 
         The iterated Kalman filter of `kalman.correct`. Where S has no factor, nothing is changed.
         """
+        from scipy.linalg import block_diag  # a fifth of the package's import, for sensors of one's own alone
+
         belief, dim = self.belief, self.belief.state.dim
         P, places, value = belief.covariance[:dim, :dim], np.zeros((len(points), 3)), values.ravel()
         lasts = self.models.lens.command_known or len(self.fiducials) > 0

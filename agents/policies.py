@@ -114,10 +114,11 @@ def file_of(name: str) -> Path | None:
 
 
 def files(names: Iterable[str]) -> dict[str, Path]:
-    """The files of policies that have a path in the working folder, by that path: another machine needs them.
+    """The files of policies, by their paths in the working folder: another machine needs them.
 
-    A path from the root, or out of the folder, is looked up on that machine.
+    Raises ValueError for a path out of that folder, where another machine may have other weights.
     """
-    named = (Path(name.removeprefix(RLLIB)) for name in names if name.startswith(RLLIB) or name.endswith(FILES))
-    inside = [path for path in named if not path.is_absolute() and ".." not in path.parts]
-    return {str(one): one for path in inside for one in (path, path.with_suffix(".json")) if one.exists()}
+    named = [Path(name.removeprefix(RLLIB)) for name in names if name.startswith(RLLIB) or name.endswith(FILES)]
+    if outside := [str(path) for path in named if path.is_absolute() or ".." in path.parts]:
+        raise ValueError(f"policies: {outside[0]!r}; allowed on a cluster: a path below the working folder")
+    return {str(one): one for path in named for one in (path, path.with_suffix(".json")) if one.exists()}

@@ -191,6 +191,12 @@ if __name__ == "__main__":
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks into /proc")
+@pytest.mark.parametrize("name", ["/mine/policy.npz", "../policy.zip", "rllib:/mine"])
+def test_weights_that_cannot_be_sent_to_a_cluster_are_refused(name: str) -> None:
+    with pytest.raises(ValueError, match="below the working folder"):
+        policies.files(["sweep", name])
+
+
 def test_workers_end_with_a_killed_parent(tmp_path: Path) -> None:
     script, files = tmp_path / "sleepy.py", [tmp_path / name for name in "ab"]
     script.write_text(SLEEPY)

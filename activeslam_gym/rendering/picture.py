@@ -293,7 +293,7 @@ class EntropyPanel:
         middle = {"transform": axes.transAxes, "ha": "center", "va": "center"}
         self._nothing = axes.text(0.5, 0.5, "no history kept", color=scene.MUTED, **middle)
         axes.set_ylabel("bits", size=7.0, labelpad=1)
-        _legend_above(axes, {"landmark mapped": _key("|", scene.INITIALISED, 8)})
+        _legend_above(axes, {"mapped": _key("|", scene.INITIALISED, 8)})
 
     def update(self, snapshot: Snapshot, beside: Sequence[tuple[np.ndarray, np.ndarray]] = ()) -> None:
         """Moves the curve; the axis of time spans the whole episode, so that frames compare. ``beside``: see `draw`."""

@@ -29,7 +29,7 @@ from activeslam_gym.slam.detection import (
     REJECTED,
     WAITS,
     chi_square_2_quantile,
-    condition,
+    condition_all,
     distance_and_det,
     predicted_pixels,
 )
@@ -92,7 +92,7 @@ def associate_identified(model: Record, sight: Sight, detections: np.ndarray, le
     while best >= 0:
         a = of_detection[best]
         matches[a], count = best, count + 1
-        condition(z, S, a, detections[best])
+        condition_all(z, S, a, detections[best])
         best = _best(model, z, S, detections, of_detection, matches, False)
     if count < least:
         matches[:] = WAITS
@@ -139,7 +139,7 @@ def _agreement(
     """Sum over the other predictions of the worth of their best detection, given that the ``seed`` is of its own."""
     a, best = of_detection[seed], np.zeros(z.shape[0] // 2)
     z, S = z.copy(), S.copy()
-    condition(z, S, a, detections[seed])
+    condition_all(z, S, a, detections[seed])
     for i in range(detections.shape[0]):
         b = of_detection[i]
         if b >= 0 and b != a:

@@ -29,7 +29,7 @@ import numpy as np
 
 from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, borrowing, compiled, constants
-from activeslam_gym.linalg import submatrix
+from activeslam_gym.linalg import copy_block, copy_into, submatrix
 from activeslam_gym.slam.belief import INVERSE_DEPTH, KIND_DIM, Belief
 from activeslam_gym.slam.depth_particles import follow_rays
 from activeslam_gym.slam.detection import (
@@ -40,8 +40,12 @@ from activeslam_gym.slam.detection import (
     WAITS,
     Hypotheses,
     accept,
+    at_level,
     chi_square_2_quantile,
+    condition_open,
+    distance_and_det,
     hypotheses,
+    log_missed,
     measure_distances,
     predicted_pixels,
 )
@@ -225,6 +229,7 @@ class Search(NamedTuple):
     scores: np.ndarray  # (n, M + 1) greatest in which the prediction is the detection; in the last column, is missed
     best: np.ndarray  # (1,) greatest of all
     nodes: np.ndarray  # (1,) partial assignments so far
+    answers: np.ndarray  # (n + 1, n) of each depth, the detection of each prediction, or M: missed, or UNDECIDED
 
 
 @compiled
@@ -240,12 +245,15 @@ def match_jointly(model: Record, h: Hypotheses, pair_worth: float, matches: np.n
         for i in range(M):
             if h.d2[a, i] < model.new_feature_gate:
                 spread[a] = h.S[2 * a, 2 * a] + h.S[2 * a + 1, 2 * a + 1]
-    in_reach = _in_order(spread)[:-1]
-    if in_reach.shape[0] == 0:
+    in_reach, chosen, a = 0, np.empty(v, np.int64), _least(spread)
+    while a < v:
+        chosen[in_reach], spread[a], in_reach = a, np.inf, in_reach + 1
+        a = _least(spread)
+    if in_reach == 0:
         return True
-    scores = _search(model, h, in_reach[:MOST_POINTS], pair_worth)
+    scores = _search(model, h, chosen[: min(in_reach, MOST_POINTS)], pair_worth)
     for k in range(scores.shape[0]):
-        a, answer, best, other = in_reach[k], M, -np.inf, -np.inf
+        a, answer, best, other = chosen[k], M, -np.inf, -np.inf
         for i in range(M + 1):
             other = max(other, min(best, scores[k, i]))
             if scores[k, i] > best:
@@ -256,22 +264,17 @@ def match_jointly(model: Record, h: Hypotheses, pair_worth: float, matches: np.n
             accept(h, a, answer)
             matched += 1
     measure_distances(h)
-    return matched == 0 or scores.shape[0] == in_reach.shape[0]
+    return matched == 0 or scores.shape[0] == in_reach
 
 
-@compiled
-def _in_order(costs: np.ndarray) -> np.ndarray:
-    """The indices of the finite ``costs`` (n,), from the least on, and at the end n."""
-    order, count = np.full(costs.shape[0] + 1, costs.shape[0]), 0
+@borrowing
+def _least(costs: np.ndarray) -> int:
+    """The index of the least of the ``costs`` (n,), the first of equal ones, or n where none is finite."""
+    best, least = costs.shape[0], np.inf
     for i in range(costs.shape[0]):
-        if costs[i] < np.inf:
-            k = count
-            while k > 0 and costs[order[k - 1]] > costs[i]:
-                order[k] = order[k - 1]
-                k -= 1
-            order[k] = i
-            count += 1
-    return order[: count + 1]
+        if costs[i] < least:
+            best, least = i, costs[i]
+    return best
 
 
 @compiled
@@ -282,69 +285,66 @@ def _search(model: Record, h: Hypotheses, chosen: np.ndarray, pair_worth: float)
         R = one.R
         most = max(most, pair_worth + one.log_ratio - 0.5 * math.log(R[0, 0] * R[1, 1] - R[0, 1] * R[0, 1]))
     scores, best, nodes = np.full((n, M + 1), -np.inf), np.full(1, -np.inf), np.zeros(1, np.int64)
-    S, d2, cost = submatrix(h.S, rows), h.d2[chosen], h.cost[chosen]
-    part = Hypotheses(h.points[chosen], h.detections, h.z[rows], S, d2, cost)
-    _explore(model, part, Search(pair_worth, most, scores, best, nodes), np.full(n, UNDECIDED), 0.0)
+    z, S, d2 = np.empty((n + 1, 2 * n)), np.empty((n + 1, 2 * n, 2 * n)), np.empty((n + 1, n, M))
+    copy_into(z[0], h.z[rows])
+    copy_block(submatrix(h.S, rows), S[0])
+    copy_block(h.d2[chosen], d2[0])
+    levels = Hypotheses(h.points, h.detections, z, S, d2, np.empty((n + 1, n, M)))
+    _explore(model, levels, Search(pair_worth, most, scores, best, nodes, np.full((n + 1, n), UNDECIDED)), 0, 0, 0.0)
     if nodes[0] <= model.nodes:
         return scores
     return _search(model, h, chosen[: n // 2], pair_worth) if n > 2 else scores[:0]
 
 
-@compiled
-def _explore(model: Record, h: Hypotheses, search: Search, answer: np.ndarray, score: float) -> None:
-    """Follow the assignments that begin with the ``answer`` (n,) and ``score`` so far, the likeliest first.
+@borrowing
+def _explore(model: Record, levels: Hypotheses, search: Search, depth: int, matched: int, score: float) -> None:
+    """Follow the assignments that begin with the answers and the ``score`` of this ``depth``, the likeliest first.
 
     Of the predictions that are UNDECIDED, that with the fewest detections in its gate is decided, and the others are
-    conditioned on it. An answer of M is a miss.
+    conditioned on it. The last match was at the depth ``matched``: a miss changes no other prediction.
     """
-    n, M = h.d2.shape
-    decided, fewest, others, pairs, reached = -1, M + 1, -1, 0, np.zeros(M, np.bool_)
+    h, answer, (n, M) = at_level(levels, matched), search.answers[depth], levels.d2[0].shape
+    decided, fewest, others, pairs = -1, M + 1, -1, 0
     for a in range(n):
-        if answer[a] != UNDECIDED:
-            continue
-        near = 0
-        for i in range(M):
-            if h.d2[a, i] < model.new_feature_gate:
-                near += 1
-                pairs += not reached[i]
-                reached[i] = True
-        if near == 0:
-            answer[a] = M
-            score += log_missed(model, h, a)
-            continue
-        others += 1
-        if near < fewest:
-            fewest, decided = near, a
+        if answer[a] == UNDECIDED:
+            near = 0
+            for i in range(M):
+                near += h.d2[a, i] < model.new_feature_gate
+            if near == 0:
+                answer[a], score = M, score + log_missed(model, h, a)
+                continue
+            others += 1
+            if near < fewest:
+                fewest, decided = near, a
     if decided < 0:
         for a in range(n):
             search.scores[a, answer[a]] = max(search.scores[a, answer[a]], score)
         search.best[0] = max(search.best[0], score)
         return
-    rest, costs = search.most * min(others, pairs), np.full(M, np.inf)  # the others add at most the rest
+    costs = levels.cost[depth, decided]
     for i in range(M):
+        costs[i], reached = np.inf, False
+        for a in range(n):
+            reached = reached or (answer[a] == UNDECIDED and h.d2[a, i] < model.new_feature_gate)
+        pairs += reached
         if h.d2[decided, i] < model.new_feature_gate:
-            costs[i] = h.cost[decided, i]
-    for i in _in_order(costs):
+            d2, det = distance_and_det(h.z, h.S, decided, h.detections[i])
+            costs[i] = d2 + math.log(det) - 2.0 * h.detections[i].log_ratio
+    rest = search.most * min(others, pairs)  # the others add at most so much
+    for _ in range(fewest + 1):
+        i = _least(costs)
         worth = log_missed(model, h, decided) if i == M else search.pair_worth - 0.5 * costs[i]
+        if i < M:
+            costs[i] = np.inf
         if score + worth + rest < search.best[0] - model.margin:
             continue
         search.nodes[0] += 1
         if search.nodes[0] > model.nodes:
             return
-        answer[decided], below = i, h  # a miss changes no other prediction
-        if i < M:
-            below = Hypotheses(h.points, h.detections, h.z.copy(), h.S.copy(), h.d2.copy(), h.cost.copy())
-            accept(below, decided, i)
-            measure_distances(below)
-        _explore(model, below, search, answer.copy(), score + worth)
-
-
-@borrowing
-def log_missed(model: Record, h: Hypotheses, a: int) -> float:
-    """ln(1 - P_D P(in the image)) of prediction ``a``, the axes of its measured pixel taken as independent."""
-    seen = model.detection_probability
-    for axis in range(2):
-        z, var = h.z[2 * a + axis], h.S[2 * a + axis, 2 * a + axis]
-        wide = math.sqrt(2.0 * (var + model.pixel_var))
-        seen *= 0.5 * (math.erf((model.image_size[axis] - z) / wide) + math.erf(z / wide))
-    return math.log(1.0 - seen)
+        deeper, last = search.answers[depth + 1], matched
+        copy_into(deeper, answer)
+        deeper[decided] = i
+        if i < M and others > 0:
+            last = depth + 1
+            condition_open(h, at_level(levels, last), decided, i, deeper)
+        _explore(model, levels, search, depth + 1, last, score + worth)

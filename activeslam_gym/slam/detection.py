@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.kernels import Record, borrowing, compiled, record
+from activeslam_gym.kernels import Record, borrowing, compiled, inlined, record
 from activeslam_gym.linalg import squared_distance
 from activeslam_gym.slam.sight import Sight
 
@@ -63,21 +63,31 @@ def distance_by_own_noise(z_hat: np.ndarray, S: np.ndarray, R: np.ndarray, detec
     return squared_distance(s00, s01, s11, z[0] - z_hat[0], z[1] - z_hat[1])
 
 
-@compiled
-def condition(z: np.ndarray, S: np.ndarray, a: int, detection: Record) -> None:
-    """Condition the joint Gaussian on prediction ``a`` being ``detection``.
+@borrowing
+def condition(
+    z: np.ndarray, S: np.ndarray, a: int, detection: Record, new_z: np.ndarray, new_S: np.ndarray, matches: np.ndarray
+) -> None:
+    """Write the joint Gaussian, given that prediction ``a`` is ``detection``, of those whose ``matches`` are negative.
 
-    z += S_:a (S_aa + R)^-1 nu, S -= S_:a (S_aa + R)^-1 S_a:.
+    z + S_:a (S_aa + R)^-1 nu, S - S_:a (S_aa + R)^-1 S_a:.
     """
     s00, s01, s11 = innovation_of(S, a, detection)
     det = max(s00 * s11 - s01 * s01, 1e-300)
     x, y = detection.pixel[0] - z[2 * a], detection.pixel[1] - z[2 * a + 1]
-    c0, c1 = S[2 * a].copy(), S[2 * a + 1].copy()
+    c0, c1 = S[2 * a], S[2 * a + 1]
     for i in range(z.shape[0]):
-        g0, g1, row = (s11 * c0[i] - s01 * c1[i]) / det, (s00 * c1[i] - s01 * c0[i]) / det, S[i]
-        z[i] += g0 * x + g1 * y
-        for j in range(c0.shape[0]):
-            row[j] -= g0 * c0[j] + g1 * c1[j]
+        if matches[i // 2] < 0:
+            g0, g1 = (s11 * c0[i] - s01 * c1[i]) / det, (s00 * c1[i] - s01 * c0[i]) / det
+            new_z[i] = z[i] + (g0 * x + g1 * y)
+            row, out = S[i], new_S[i]
+            for j in range(c0.shape[0]):
+                out[j] = row[j] - (g0 * c0[j] + g1 * c1[j])
+
+
+@compiled
+def condition_all(z: np.ndarray, S: np.ndarray, a: int, detection: Record) -> None:
+    """Condition the joint Gaussian of ``z`` (2 v,) and ``S`` (2 v, 2 v) on prediction ``a`` being ``detection``."""
+    condition(z.copy(), S.copy(), a, detection, z, S, np.full(z.shape[0] // 2, MISSED))
 
 
 class Hypotheses(NamedTuple):
@@ -89,6 +99,12 @@ class Hypotheses(NamedTuple):
     S: np.ndarray  # (2 v, 2 v) their joint covariance; each detection adds its own R [px^2]
     d2: np.ndarray  # (v, M) squared Mahalanobis distances; inf where the ids differ, or one of the two is matched
     cost: np.ndarray  # (v, M) d^2 + ln |S + R| - 2 log_ratio: -2 ln of the likelihood, less a constant
+
+
+@inlined
+def at_level(levels: Hypotheses, k: int) -> Hypotheses:
+    """Level ``k`` of several, which share the points and the detections: their other arrays have an axis in front."""
+    return Hypotheses(levels.points, levels.detections, levels.z[k], levels.S[k], levels.d2[k], levels.cost[k])
 
 
 @compiled
@@ -122,4 +138,29 @@ def accept(h: Hypotheses, a: int, i: int) -> None:
     """Match prediction ``a`` to detection ``i``, and condition all predictions on it."""
     h.d2[a, :] = np.inf
     h.d2[:, i] = np.inf
-    condition(h.z, h.S, a, h.detections[i])
+    condition_all(h.z, h.S, a, h.detections[i])
+
+
+@borrowing
+def condition_open(h: Hypotheses, below: Hypotheses, a: int, i: int, matches: np.ndarray) -> None:
+    """Write to ``below`` what ``h`` leaves of the predictions without a match, given that ``a`` is detection ``i``.
+
+    ``matches`` (v,) are negative for them. Costs are not written.
+    """
+    condition(h.z, h.S, a, h.detections[i], below.z, below.S, matches)
+    for b in range(matches.shape[0]):
+        if matches[b] < 0:
+            for j in range(h.d2.shape[1]):
+                gone = j == i or h.d2[b, j] == np.inf
+                below.d2[b, j] = np.inf if gone else distance_and_det(below.z, below.S, b, h.detections[j])[0]
+
+
+@borrowing
+def log_missed(model: Record, h: Hypotheses, a: int) -> float:
+    """ln(1 - P_D P(in the image)) of prediction ``a``, the axes of its measured pixel taken as independent."""
+    seen = model.detection_probability
+    for axis in range(2):
+        z, var = h.z[2 * a + axis], h.S[2 * a + axis, 2 * a + axis]
+        wide = math.sqrt(2.0 * (var + model.pixel_var))
+        seen *= 0.5 * (math.erf((model.image_size[axis] - z) / wide) + math.erf(z / wide))
+    return math.log(1.0 - seen)

@@ -5,12 +5,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import gymnasium
+
 from activeslam_gym.camera import camera_of
 from activeslam_gym.config import (
     BOUNDS,
     CENTRE,
     CLUSTERS,
     CORNER,
+    IMAGE_SCENARIOS,
     KNOWN,
     MOST_HELD_FRAMES,
     UNIFORM,
@@ -147,6 +150,9 @@ def _checked(scenario: str | Mapping[str, Any] | Scenario, **others: Any) -> Sce
     part_of("scenario.motion_criterion", resolved.motion_criterion, CRITERIA)
     if resolved.sensor in TEXTURED:
         require_textured(resolved)
+    elif resolved.name in IMAGE_SCENARIOS and parts.get("sensor") is None:
+        pixels = f"gym.make('ActiveSLAMPixels-v0', scenario={resolved.name!r})"
+        gymnasium.logger.warn(f"{resolved.name!r} is of images, but here it simulates points. Its images: {pixels}")
     return resolved
 
 

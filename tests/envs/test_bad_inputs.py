@@ -32,6 +32,12 @@ BAD_VECTOR_VALUES = {
 }
 BAD_ACTIONS = (None, 5, [1], [1, 2, 3], [7, 0], [0, 3], [-1, 0], [0.5, 0], [float("nan"), 0], "ab", ["a", "b"], {})
 BAD_ACTIONS += ([[1, 2]], np.array([1, 2], object), [HUGE, 0], [True, False], np.array([1 + 0j, 2]))
+JUST_ALLOWED: tuple[dict[str, Any], ...] = (
+    *({"rate_loop_time": 0.0251}, {"controller_frequency": 16.5}, {"room_size": (1e12,) * 3}, {"clutter_rate": 200}),
+    *({"pixel_std": 1e-12}, {"acceleration_std": 1e12}, {"orientation_std": 1e12}, {"inverse_depth_mean": 1e-12}),
+    *({"distortion": 1e12}, {"particle_depth": (1e-12, 1e12), "initialisation": "depth_particles"}),
+    {"particle_prune": 0.999, "initialisation": "depth_particles"},
+)
 BAD_SEEDS = (-1, 1.5, "a", object(), np.float64(3.0), True)
 
 
@@ -99,22 +105,7 @@ def test_scores_policies_and_layouts_are_named(env: ActiveSLAMEnv, batch: Active
         refuses("name", baselines.make, name, env)
 
 
-@pytest.mark.parametrize(
-    "fields",
-    [
-        {"rate_loop_time": 0.0251},
-        {"controller_frequency": 16.5},
-        {"particle_prune": 0.999, "initialisation": "depth_particles"},
-        {"room_size": (1e12,) * 3},
-        {"clutter_rate": 200},
-        {"pixel_std": 1e-12},
-        {"acceleration_std": 1e12},
-        {"orientation_std": 1e12},
-        {"inverse_depth_mean": 1e-12},
-        {"distortion": 1e12},
-        {"particle_depth": (1e-12, 1e12), "initialisation": "depth_particles"},
-    ],
-)
+@pytest.mark.parametrize("fields", JUST_ALLOWED)
 def test_what_is_just_allowed_makes_no_nan(fields: dict[str, Any]) -> None:
     env = ActiveSLAMEnv(fields)
     env.reset(seed=3)
@@ -125,6 +116,12 @@ def test_what_is_just_allowed_makes_no_nan(fields: dict[str, Any]) -> None:
         assert not np.isnan([value for value in info.values() if isinstance(value, float)]).any()
         if terminated:
             break
+
+
+def test_points_in_a_scenario_of_images_are_told() -> None:
+    with pytest.warns(UserWarning, match="ActiveSLAMPixels-v0"):
+        ActiveSLAMEnv("corner-pixels")
+    ActiveSLAMEnv("corner-pixels", sensor="points")
 
 
 def test_one_environment_in_two_threads_is_an_error_and_no_crash() -> None:

@@ -57,8 +57,6 @@ class Runs:
         """Time of an episode [s]."""
         self.steps_per_motion = int(task.steps_per_motion)
         """Steps in a motion period."""
-        self.lost_position_error = float(task.lost_position_error)
-        """Error of the position from which on a run is lost [m]."""
         self._runs, self._workers = runs, workers
         in_python = setting.scenario.sensor != POINTS or setting.scenario.has_foreign_scene
         self._compiled = setting.scenario.estimator in COMPILED and not in_python  # a step is one kernel

@@ -43,6 +43,7 @@ from activeslam_gym.world.simulator import sensor_of
 
 _NO_FIELDS = (
     *("motion_period", "reward", "criterion", "lost_position_error", "end_when_lost", "render_mode", "render_size"),
+    "scenario",
 )
 """Arguments of an environment that no scenario has as a field."""
 _PARTS = {"scene": "scene", "sensor": "sensor", "estimator": "estimator", "criterion": "motion_criterion"}
@@ -240,4 +241,4 @@ def require_textured(scenario: Scenario) -> None:
     for name, allowed in {**allowed_of, **layouts, "fiducial_count": (TARGET_CORNERS,)}.items():
         if (value := getattr(scenario, name)) not in allowed:
             message = f"scenario.{name} must be {' or '.join(map(repr, allowed))} for {scenario.sensor}"
-            raise ValueError(f"{message}, got {value!r}")
+            raise ValueError(f"{message}, got {value!r}; scenarios of images: {', '.join(IMAGE_SCENARIOS)}")

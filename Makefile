@@ -36,7 +36,7 @@ BOARD    := $(if $(EPISODES)$(filter development,$(SUITE)),results/entries,agent
 PLAYED   := --suite $(SUITE) $(if $(EPISODES),--episodes $(EPISODES))
 
 # The learners of Stable-Baselines3 in the scenarios of the suite; their weights lie in the entries' folders.
-LEARNERS := ppo-quick a2c-quick dqn-quick sac-quick ppo-full
+LEARNERS := ppo-quick a2c-quick dqn-quick sac-quick ppo-full dqn-full a2c-full
 SEEDS    := 0 1 2 3 4
 TRAINED  := $(foreach one,$(LEARNERS),$(SEEDS:%=$(one)-%))
 ASKING   := office+corridor+corner+sprint+noisy+clusters+rooms+gallery-pixels+corner-pixels
@@ -44,13 +44,16 @@ LEARNED  := --scenario $(ASKING) --test-episodes 0
 QUICK    := --reward log_score --num-envs 4 --total-steps 40000 --validation-episodes 8
 FULL     := --recipe full --num-envs 8 --period 40000 --validation-episodes 24
 
-learners: $(VENV)/.agents ## train five seeds of each learner again (about three hours; the same command goes on): weights of their entries
+learners: $(VENV)/.agents ## train five seeds of each learner again (about six hours; the same command goes on): weights of their entries, and their curves
 	printf '%s\n' $(TRAINED) | OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 xargs -P $(WORKERS) -I NAME sh -c 'name=NAME; \
 		case $$name in *-full-*) budget="$(FULL)";; *) budget="$(QUICK)";; esac; \
 		exec $(RUN) -m agents train --algorithm $${name%%-*} --seed $${name##*-} $$budget $(LEARNED) --out results/learners/$$name'
 	for name in $(TRAINED); do for suffix in npz json; do \
 		cp results/learners/$$name/policy.$$suffix agents/suite/entries/$${name%-*}/policy-$${name##*-}.$$suffix || exit 1; \
 	done; done
+	$(RUN) -m studies.learning --folders results/learners/*-full-* --policies greedy-plus generalist --episodes 24 \
+		--jobs $(WORKERS) --out results/learning
+	cp results/learning/learning.png docs/images/learners.png
 
 CURVES := $(SEEDS:%=office/%) $(foreach seed,0 1 2,clusters/$(seed) rooms/$(seed))
 CURVE  := $(RUN) -m agents train --test-episodes 0 --recipe

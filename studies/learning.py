@@ -59,16 +59,18 @@ def rows_of(curves: Curves, policies: Mapping[str, Mapping[str, Aggregate]]) -> 
 
 
 def draw(curves: Curves, policies: Mapping[str, Mapping[str, Aggregate]], path: Path) -> None:
-    """A panel for each scenario: the seeds of each learner, and the policies as lines."""
-    figure, grid = grid_of_panels(1, len(curves), (6.0, 3.2))
+    """A panel for each scenario, three in a row: the seeds of each learner, and the policies as lines."""
+    figure, grid = grid_of_panels(-(-len(curves) // 3), min(len(curves), 3), (6.0, 3.2))
     colours = {name: f"C{k}" for k, name in enumerate(dict.fromkeys(one for own in curves.values() for one in own))}
-    for axes, (scenario, learners) in zip(grid[0], curves.items()):
+    for axes, (scenario, learners) in zip(grid.flat, curves.items()):
         for learner, seeds in learners.items():
             for j, one in enumerate(seeds):
                 axes.plot(one[:, 0], one[:, 1], color=colours[learner], linewidth=1.2, label=None if j else learner)
         for style, (policy, score) in zip(("--", ":", "-.", (0, (1, 4))), policies[scenario].items()):
             axes.axhline(score.value, color="0.4", linestyle=style, linewidth=1.0, label=policy)
         axes.set(title=scenario, xlabel="decisions", ylabel="log score [bit], validation")
+    for axes in grid.flat[len(curves) :]:
+        axes.set_axis_off()
     legend_below(figure, grid[0, :1], 3)
     save_figure(figure, path)
 

@@ -16,6 +16,7 @@ from activeslam_gym.envs.images import judge_by_scene
 from activeslam_gym.envs.perception import Perception
 from activeslam_gym.envs.run import Run, write_whole_estimate
 from activeslam_gym.envs.setting import Setting
+from activeslam_gym.envs.step import evaluate_and_observe, read_command, sense_clearance, simulate
 from activeslam_gym.kernels import Record, borrowing, compiled, filled, record
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.slam.appearance import draw_bias, use_identified, wander
@@ -105,9 +106,21 @@ class CornerPerception(Perception):
         gate = setting.models.filter.appearance.search_gate
         self._rules = filled(RULES, SIGHTED.seen_through(float(setting.models.lens.focal)), gate=gate, enough=ENOUGH)
 
-    def frame(self, run: Run, u: np.ndarray, contact: bool) -> None:
-        """Search the features in view, under the known accelerations ``u`` (6,), and initialise others."""
-        detect_corners(run, self._rules, self.corners, u, contact)
+    def step(self, run: Run, command: np.ndarray) -> None:
+        """`step.step`, in one kernel."""
+        step_among_corners(run, self._rules, self.corners, command)
+
+
+@compiled
+def step_among_corners(run: Run, rules: Record, corners: Corners, command: np.ndarray) -> None:
+    """`step.step`, in which each frame is `detect_corners`."""
+    read_command(run, command, math.inf)
+    for _ in range(run.models.task.frames_per_step):
+        u, contact = simulate(run, command[3])
+        detect_corners(run, rules, corners, u, contact)
+    run.episode.steps += 1
+    sense_clearance(run)
+    evaluate_and_observe(run, False)
 
 
 @compiled

@@ -46,6 +46,19 @@ class Perception:
         """After a reset: write the prior into the estimate."""
         write_whole_estimate(run)
 
+    def step(self, run: Run, command: np.ndarray) -> None:
+        """`step.step` with these parts."""
+        scene, task, reach = self.scene, run.models.task, np.inf
+        if scene is not None and run.episode.steps % task.steps_per_motion == 0:
+            reach = reach_of_command(scene, run.models.motion, run.world, command)
+        read_command(run, command, reach)
+        for _ in range(int(task.frames_per_step)):
+            u, contact = simulate_in(scene, run, command[3])
+            self.frame(run, u, contact)
+        run.episode.steps += 1
+        sense_clearance_in(scene, run)
+        evaluate_and_observe(run, False)
+
     def frame(self, run: Run, u: np.ndarray, contact: bool) -> None:
         """After the camera has moved under the known accelerations ``u`` (6,): measure, estimate and judge."""
         raise NotImplementedError
@@ -60,7 +73,7 @@ def step_runs_in_python(
             if orders[i] == BEGIN:
                 begin(row(runs, i), perceptions[i])
             elif orders[i] != REST:
-                step(row(runs, i), perceptions[i], commands[i])
+                perceptions[i].step(row(runs, i), commands[i])
         except ValueError as error:
             where = f"in frame {int(runs.world.state[i].frame)} of environment {i}"
             raise ValueError(f"{error} ({where})") from error.__cause__
@@ -71,20 +84,6 @@ def begin(run: Run, parts: Perception) -> None:
     parts.begin(run)
     sense_clearance_in(parts.scene, run)
     evaluate_and_observe(run, True)
-
-
-def step(run: Run, parts: Perception, command: np.ndarray) -> None:
-    """`step.step` with the ``parts`` of a run."""
-    scene, task, reach = parts.scene, run.models.task, np.inf
-    if scene is not None and run.episode.steps % task.steps_per_motion == 0:
-        reach = reach_of_command(scene, run.models.motion, run.world, command)
-    read_command(run, command, reach)
-    for _ in range(int(task.frames_per_step)):
-        u, contact = simulate_in(scene, run, command[3])
-        parts.frame(run, u, contact)  # measure, estimate, judge
-    run.episode.steps += 1
-    sense_clearance_in(scene, run)
-    evaluate_and_observe(run, False)
 
 
 def simulate_in(scene: Scene | None, run: Run, gaze: float) -> tuple[np.ndarray, bool]:

@@ -1,6 +1,6 @@
 """One step of an environment: frames of simulation, measurement and filter, then evaluation, reward and observation.
 
-`step` is compiled, for the simulated points and the compiled filter; `perception.step` is the same in Python, for a
+`step` is compiled, for the simulated points and the compiled filter; `Perception.step` is the same in Python, for a
 scene, a sensor or an estimator of a user's own, and for images.
 """
 

@@ -193,22 +193,22 @@ def _spots_in_groups(walls: Rectangles, count: int, rng: np.random.Generator) ->
 
 def _hang_posters(spots: Iterator[Spot], target: Record, rng: np.random.Generator) -> Rectangles:
     """A poster at each of the ``spots``, none over another or the ``target``, and most of them different."""
-    pictures, posters = rng.permutation(texture_range(textures.poster)), list[Record]()
+    pictures, posters, taken = rng.permutation(texture_range(textures.poster)), list[Record](), [_bounding_box(target)]
     for on, smallest, largest, along in spots:
-        poster = _place(on, [target, *posters], rng.uniform(smallest, largest), rng, along)
+        poster = _place(on, np.array(taken), rng.uniform(smallest, largest), rng, along)
         _paper(poster, pictures[len(posters) % len(pictures)])
         posters.append(poster)
+        taken.append(_bounding_box(poster))
     return posters
 
 
 def _place(
-    on: Record, others: Rectangles, width: float, rng: np.random.Generator, along: tuple[float, float] | None
+    on: Record, taken: np.ndarray, width: float, rng: np.random.Generator, along: tuple[float, float] | None
 ) -> Record:
-    """A rectangle about ``width`` [m] wide on a face, a centimetre from the others; smaller where there is no place.
-    ``along``: see `Spot`."""
+    """A rectangle about ``width`` [m] wide on a face, a centimetre from the bounding boxes ``taken`` (n, 2, 3); smaller
+    where there is no place. ``along``: see `Spot`."""
     sides = _sides(on)
     begin, end = along or (0.0, sides[0])
-    taken = np.array([_bounding_box(other) for other in others])
     for _ in range(_SHRINKINGS):
         size = np.minimum(width * np.array([1.0, rng.uniform(0.7, 1.4)]), 0.8 * np.array([end - begin, sides[1]]))
         least, most = 0.5 * size + 0.02, sides - 0.5 * size - 0.02

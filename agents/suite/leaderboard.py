@@ -25,7 +25,7 @@ from agents.tools.sections import Table, provenance, put_section
 
 Array = NDArray[np.float64]
 SECTION, SHORT = "leaderboard", "board"  # sections of pages: all tables, and a few rows and columns of the first
-SHORT_ROWS, SHORT_COLUMNS = 6, 4
+SHORT_ROWS, SHORT_COLUMNS = (3, 2, 1), 4  # rows of learned entries, of others, and of open loops
 KINDS = {"learned": ("tab:blue", "o"), "open loop": ("tab:orange", "^"), "greedy and others": ("black", "s")}
 """Colour and marker of each kind of entry in the figure."""
 
@@ -185,11 +185,10 @@ def draw(of: Suite, results: Sequence[Result], path: Path) -> None:
 
 
 def shortened(whole: Table, of: Suite, found: Sequence[Entry]) -> Table:
-    """The best rows of the table of all scenarios, and that of the best open-loop entry, with its first columns."""
-    loops = {entry.name for entry in found if of.is_open_loop(entry.policies)}
+    """The best rows of the table of all scenarios: `SHORT_ROWS` of each kind of entry, with its first columns."""
+    kinds = {entry.name: 2 if of.is_open_loop(entry.policies) else int(not entry.training) for entry in found}
     names = [row[0] for row in whole.rows]
-    best = next(name for name in names if name in loops)
-    kept = {best, *[name for name in names if name != best][: SHORT_ROWS - 1]}
+    kept = {name for k, most in enumerate(SHORT_ROWS) for name in [one for one in names if kinds[one] == k][:most]}
     rows = [row[:SHORT_COLUMNS] for row in whole.rows if row[0] in kept]
     header = [title.replace("gain more", "gain more than the best open-loop entry") for title in whole.header]
     return Table(whole.title, header[:SHORT_COLUMNS], rows)

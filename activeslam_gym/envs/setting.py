@@ -143,7 +143,9 @@ def _checked(scenario: str | Mapping[str, Any] | Scenario, **others: Any) -> Sce
     parts = {_PARTS[name]: others.pop(name) for name in _PARTS if name in others}
     for name, value in others.items():
         field, near = (name, "") if name in BOUNDS else ("FIELD", did_you_mean(name, (*_NO_FIELDS, *BOUNDS)))
-        raise TypeError(f"no argument {name}{near}; a scenario's fields are given as scenario={{{field!r}: {value!r}}}")
+        # Python's words: TorchRL 0.14 tries an argument "frameskip", and reads in the error that there is none.
+        message = f"got an unexpected keyword argument {name!r}{near}; a scenario's fields are given as "
+        raise TypeError(f"{message}scenario={{{field!r}: {value!r}}}")
     resolved = scenario_with(scenario, **parts)
     if check := getattr(part_of("scenario.estimator", resolved.estimator, ESTIMATORS), "check", None):
         check(resolved)

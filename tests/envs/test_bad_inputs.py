@@ -121,7 +121,11 @@ def test_what_is_just_allowed_makes_no_nan(fields: dict[str, Any]) -> None:
 def test_points_in_a_scenario_of_images_are_told() -> None:
     with pytest.warns(UserWarning, match="ActiveSLAMPixels-v0"):
         ActiveSLAMEnv("corner-pixels")
-    ActiveSLAMEnv("corner-pixels", sensor="points")
+
+
+def test_an_unknown_argument_is_told_in_the_words_of_python_which_torchrl_reads() -> None:
+    with pytest.raises(TypeError, match="unexpected keyword argument 'frameskip'"):
+        ActiveSLAMEnv(frameskip=1)  # type: ignore[call-arg]
 
 
 def test_one_environment_in_two_threads_is_an_error_and_no_crash() -> None:

@@ -26,9 +26,11 @@ from activeslam_gym.kernels import Record, borrowing, compiled, constants
 from activeslam_gym.motion import CAMERA_DIM, POSITION, VELOCITY
 from activeslam_gym.slam.belief import AZIMUTH, ELEVATION, FEATURE_SIZE, POINT, Belief, point_of
 from activeslam_gym.slam.detection import (
+    MISSED,
     REJECTED,
     WAITS,
     chi_square_2_quantile,
+    condition,
     condition_all,
     distance_and_det,
     predicted_pixels,
@@ -137,13 +139,12 @@ def _agreement(
     model: Record, z: np.ndarray, S: np.ndarray, detections: np.ndarray, of_detection: np.ndarray, seed: int
 ) -> float:
     """Sum over the other predictions of the worth of their best detection, given that the ``seed`` is of its own."""
-    a, best = of_detection[seed], np.zeros(z.shape[0] // 2)
-    z, S = z.copy(), S.copy()
-    condition_all(z, S, a, detections[seed])
+    a, best, given_z, given_S = of_detection[seed], np.zeros(z.shape[0] // 2), np.empty(z.shape), np.empty(S.shape)
+    condition(z, S, a, detections[seed], given_z, given_S, np.full(best.shape[0], MISSED))
     for i in range(detections.shape[0]):
         b = of_detection[i]
         if b >= 0 and b != a:
-            d2, det = distance_and_det(z, S, b, detections[i])
+            d2, det = distance_and_det(given_z, given_S, b, detections[i])
             best[b] = max(best[b], _worth(model, detections[i], d2, det))
     return best.sum()
 

@@ -35,7 +35,7 @@ from activeslam_gym.kernels import Record, filled
 from activeslam_gym.metrics import LOST_POSITION_ERROR
 from activeslam_gym.motion import motion_of
 from activeslam_gym.registry import name_of, number_of, part_of
-from activeslam_gym.sensors.sensor import OWN_SENSORS, TEXTURED
+from activeslam_gym.sensors.sensor import OWN_SENSORS, POINTS, TEXTURED
 from activeslam_gym.slam.ekf import ESTIMATORS
 from activeslam_gym.slam.filter import filter_of
 from activeslam_gym.world.room import scene_factory
@@ -153,7 +153,7 @@ def _checked(scenario: str | Mapping[str, Any] | Scenario, **others: Any) -> Sce
     part_of("scenario.motion_criterion", resolved.motion_criterion, CRITERIA)
     if resolved.sensor in TEXTURED:
         require_textured(resolved)
-    elif resolved.name in IMAGE_SCENARIOS and parts.get("sensor") is None:
+    elif resolved.name in IMAGE_SCENARIOS and resolved.sensor == POINTS and parts.get("sensor") is None:
         pixels = f"gym.make('ActiveSLAMPixels-v0', scenario={resolved.name!r})"
         gymnasium.logger.warn(f"{resolved.name!r} is of images, but here it simulates points. Its images: {pixels}")
     return resolved

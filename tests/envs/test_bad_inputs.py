@@ -118,12 +118,12 @@ def test_what_is_just_allowed_makes_no_nan(fields: dict[str, Any]) -> None:
             break
 
 
-def test_points_in_a_scenario_of_images_are_told() -> None:
+def test_points_in_a_scenario_of_images_are_a_warning() -> None:
     with pytest.warns(UserWarning, match="ActiveSLAMPixels-v0"):
         ActiveSLAMEnv("corner-pixels")
 
 
-def test_an_unknown_argument_is_told_in_the_words_of_python_which_torchrl_reads() -> None:
+def test_an_unknown_argument_has_the_error_message_of_python_which_torchrl_reads() -> None:
     with pytest.raises(TypeError, match="unexpected keyword argument 'frameskip'"):
         ActiveSLAMEnv(frameskip=1)  # type: ignore[call-arg]
 

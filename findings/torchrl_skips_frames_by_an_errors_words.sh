@@ -2,7 +2,7 @@
 # TorchRL 0.14.1 with Gymnasium 1.4.0: `GymEnv(name, frame_skip=4)` hands an argument `frameskip` to the environment's
 # constructor. Where Python's own words say that there is no such argument, TorchRL skips frames itself. All else means
 # to it that the environment does. An environment with `**options`, which keeps what it does not know, thus plays every
-# frame, and nothing is told. One that refuses in words of its own cannot be made, even without a `frame_skip`.
+# frame, without a warning. One that refuses in words of its own cannot be made, even without a `frame_skip`.
 # Law: the documentation of `GymEnv` says how often an action is repeated: `frame_skip` times.
 # Upstream: github.com/pytorch/rl/pull/896 is of the same lines; no issue that was found tells this.
 # `GymWrapper(gymnasium.make(name), frame_skip=4)` makes no such attempt, and skips.

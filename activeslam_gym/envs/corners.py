@@ -315,17 +315,19 @@ def _longest_unseen(memory: np.ndarray, since: int) -> int:
 
 
 @functools.lru_cache(maxsize=1)
-def _texture_corners() -> tuple[tuple[np.ndarray, ...], ...]:
-    """Of each texture of the library, the corners (n, 2) of each of its levels, as shares of its sides."""
+def _texture_corners() -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+    """Of each texture of the library, the corners (n, 2) of all its levels, as shares of its sides, and their levels
+    (n,)."""
     out = []
     for texture in texture_library():
-        levels = []
-        for side in _SIDES:
+        shares, levels = [np.empty((0, 2))], []
+        for level, side in enumerate(_SIDES):
             top = 2 * (SIZE - side)
             grey = (texture[top : top + side, :side] & 255).astype(np.uint8)
             corners = new_corners(grey, np.zeros((0, 2)), _MOST, 4.0, 3, SIGHTED.least_corner)
-            levels.append((corners + 0.5) / side)
-        out.append(tuple(levels))
+            shares.append((corners + 0.5) / side)
+            levels += [level] * len(corners)
+        out.append((np.concatenate(shares), np.array(levels, int)))
     return tuple(out)
 
 
@@ -337,27 +339,28 @@ def corners_of(room: Room, focal: float) -> tuple[np.ndarray, np.ndarray, np.nda
     texture is drawn by the level whose texels are one to two pixels large, and has the corners of that level.
     """
     target, plain = texture_range(textures.target), texture_range(textures.plaster)
-    ends = np.array(list(itertools.product((1e-6, 1.0 - 1e-6), repeat=2)))
+    ends, always = np.array(list(itertools.product((1e-6, 1.0 - 1e-6), repeat=2))), np.tile((0.0, np.inf), (4, 1))
     points, normals, reach = [], [], []
     for k, surface in enumerate(room.surfaces):
-        shares: list[np.ndarray] = []  # of the surface's sides (n, 2)
-        between: list[tuple[float, float]] = []  # the distances of each
+        shares, between = [np.empty((0, 2))], [np.empty((0, 2))]  # of the surface's sides, and the distances of each
         if k < len(room.surfaces) - 6 and surface["texture"] not in plain:  # the walls come last
-            shares, between = [ends], [(0.0, np.inf)] * len(ends)
+            shares, between = [ends], [always]
         if surface["texture"] not in target:  # whose own corners are the fiducials
             texel, texels = surface["texel"] / SIZE, surface["texels"] / SIZE
             low, high = np.floor(texel).astype(int), np.ceil(texel + texels).astype(int)
             copies = np.array(list(itertools.product(range(low[0], high[0]), range(low[1], high[1]))))[:, None]
             sides = np.linalg.norm(surface["along"]), np.linalg.norm(surface["down"])
             extent = math.sqrt(sides[0] * sides[1] / texels.prod())  # of the whole texture [m]
-            for side, own in zip(_SIDES, _texture_corners()[int(surface["texture"])]):
-                share = ((own + copies - texel) / texels).reshape(-1, 2)
-                shares.append(share[np.all((share > 0.0) & (share < 1.0), axis=1)])
-                farthest = focal * extent / side
-                between += [(0.0 if side == _SIDES[-1] else 0.5 * farthest, farthest)] * len(shares[-1])
-        if shares:
-            share = np.concatenate(shares)
-            points.append(surface["corner"] + share[:, :1] * surface["along"] + share[:, 1:] * surface["down"])
-            normals.append(np.broadcast_to(surface["normal"], points[-1].shape))
-            reach += between
-    return np.concatenate(points), np.concatenate(normals), np.array(reach)
+            own, levels = _texture_corners()[int(surface["texture"])]
+            share, level = ((own + copies - texel) / texels).reshape(-1, 2), np.tile(levels, len(copies))
+            inside = np.flatnonzero(((share > 0.0) & (share < 1.0)).all(axis=1))
+            kept = inside[np.argsort(level[inside], kind="stable")]
+            shares.append(share[kept])
+            farthest = focal * extent / np.array(_SIDES)
+            nearest = np.append(0.5 * farthest[:-1], 0.0)
+            between.append(np.column_stack((nearest, farthest))[level[kept]])
+        share = np.concatenate(shares)
+        points.append(surface["corner"] + share[:, :1] * surface["along"] + share[:, 1:] * surface["down"])
+        normals.append(np.broadcast_to(surface["normal"], points[-1].shape))
+        reach += between
+    return np.concatenate(points), np.concatenate(normals), np.concatenate(reach)

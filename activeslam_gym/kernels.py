@@ -55,7 +55,7 @@ def _compiling() -> Iterator[None]:
     first level of optimisation: another tenth, and kernels as fast, with equal results."""
     was_enabled, level = gc.isenabled(), _CONFIG.OPT
     gc.disable()
-    _CONFIG.OPT = type(level)(1)
+    _CONFIG.OPT = type(level)(min(level, 1))
     try:
         yield
     finally:

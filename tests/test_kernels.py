@@ -7,7 +7,9 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -126,10 +128,15 @@ def test_an_edit_of_a_module_with_kernels_has_a_cache_of_its_own(read_only: Path
 
 
 @compiles
-def test_the_garbage_collector_is_on_again_after_a_compilation_that_failed() -> None:
+def test_a_compilation_that_failed_or_beside_another_leaves_the_settings_as_they_were() -> None:
+    level = config.OPT
     with pytest.raises(TypingError):
         geometry.skew("no vector")
-    assert gc.isenabled()
+    assert gc.isenabled() and config.OPT == level
+    with ThreadPoolExecutor(1) as pool, kernels._compiling():
+        other = pool.submit(geometry.skew, np.ones(3, np.float32))
+        time.sleep(0.1)
+    assert other.result().shape == (3, 3) and gc.isenabled() and config.OPT == level
 
 
 def test_no_kernel_lets_the_compiler_reorder_sums() -> None:

@@ -354,7 +354,7 @@ def corners_of(room: Room, focal: float) -> tuple[np.ndarray, np.ndarray, np.nda
             own, levels = _texture_corners()[int(surface["texture"])]
             share, level = ((own + copies - texel) / texels).reshape(-1, 2), np.tile(levels, len(copies))
             inside = np.flatnonzero(((share > 0.0) & (share < 1.0)).all(axis=1))
-            kept = inside[np.argsort(level[inside], kind="stable")]
+            kept = inside[np.argsort(level[inside], kind="stable")]  # an order that a seed's permutation relies on
             shares.append(share[kept])
             farthest = focal * extent / np.array(_SIDES)
             nearest = np.append(0.5 * farthest[:-1], 0.0)

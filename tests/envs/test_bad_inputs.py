@@ -118,7 +118,9 @@ def test_what_is_just_allowed_makes_no_nan(fields: dict[str, Any]) -> None:
             break
 
 
-def test_points_in_a_scenario_of_images_are_a_warning() -> None:
+def test_points_in_a_scenario_of_images_are_a_warning(recwarn: pytest.WarningsRecorder) -> None:
+    ActiveSLAMEnv("corner-pixels", sensor="points")
+    assert not recwarn
     with pytest.warns(UserWarning, match="ActiveSLAMPixels-v0"):
         ActiveSLAMEnv("corner-pixels")
 

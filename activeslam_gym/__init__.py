@@ -17,7 +17,7 @@ from activeslam_gym.envs.observation import CONTEXT_FEATURES, ObservationLayout
 from activeslam_gym.motion import Gaze, Motion
 
 __version__ = "0.1.0"
-BEHAVIOUR = 23
+BEHAVIOUR = 24
 """Raised with every change of what the same seed and actions of ``ActiveSLAM-v0`` lead to, or those of
 ``ActiveSLAMPixels-v0``; the cards of shipped weights tell theirs."""
 

@@ -32,6 +32,8 @@ REMOVALS: dict[str, dict[str, str]] = {
     "target's-biases": {"vision/settings": "SIGHTED = replace(SIGHTED, fiducial_bias_std=0.0, floor_std=0.03)"},
     "slopes": {"vision/settings": "SIGHTED = replace(SIGHTED, fitted_every=math.inf)"},
     "wander": {"vision/settings": "SIGHTED = replace(SIGHTED, drift=0.0)"},
+    "probation": {"vision/settings": "SIGHTED = replace(SIGHTED, probation=1.0)"},
+    "half-templates": {"vision/templates": "_LEAST_SEEN = 0.7"},
     # the rest
     "restarts": {"slam/restart": _constant("restart_of", "limit", "math.inf")},
     "disproof": {"envs/disproof": _answers("disprove(run)", "None")},

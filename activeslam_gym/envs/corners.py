@@ -43,6 +43,7 @@ _SPREAD = 0.6  # deviation of the logarithm of a feature's
 _EDGE = TEMPLATE_HALF + 2.0  # what is nearer to the image's border is not found [px]
 _NEW_FEATURE_EDGE = _EDGE + 6.0
 _FACING = 0.26  # cosine of the greatest angle at which a corner is seen
+_TARGET_PX = 12.0  # where the target's first side looks shorter, its templates show too little to be found
 _LOG_RATIO = 4.0  # of a match: what its looks say for it
 _SIDES = (16, 32, 64, 128, 256)  # texels, along a side, of the levels of a texture that have corners of their own
 _MOST = 60  # corners of a level
@@ -50,7 +51,7 @@ _MOST = 60  # corners of a level
 RULES = record(
     drift="f8", most_change="f8", largest_area="f8", gate="f8", trials="f8", enough="f8",
     initialised="i8", visible="i8", least_visible="i8", lost_after="i8", fiducial_blur="f8",
-    fiducial_bias_std="f8", redrawn="f8", feature_bias_std="f8",
+    fiducial_bias_std="f8", redrawn="f8", feature_bias_std="f8", probation="f8",
 )  # fmt: skip
 """The front end's rules of what is searched, believed, deleted and initialised; see `FrontEndSettings`."""
 MEMORY = record(
@@ -61,6 +62,7 @@ MEMORY = record(
     tried="f8",  # searches, of which later ones count more
     matched="f8",  # those of them that were matched
     seen="i8",  # frame of the last match
+    since="i8",  # and of the first one since it came into sight
 )
 """What the front end would remember of a feature."""
 
@@ -175,6 +177,7 @@ def _search(run: Run, rules: Record, corners: Corners, draws: np.ndarray) -> int
     view = view_of(models.true_lens, pose, boxes_of(run.world))
     believed, z = positions_of(belief), np.empty(2)
     v, found = sight.point.shape[0], 0
+    reach = models.lens.focal * distance_between(fiducials[0], fiducials[1]) / _TARGET_PX
     tried, blur = np.zeros(v, np.bool_), rules.fiducial_blur * speeds(models.lens, belief.state.camera, fiducials)
     for i in range(v):
         point = sight.point[i]
@@ -192,6 +195,8 @@ def _search(run: Run, rules: Record, corners: Corners, draws: np.ndarray) -> int
             continue
         if m >= 0 and not faces(corners.normals[memory[m].corner], place, pose, _FACING):
             continue
+        if m < 0 and distance_between(pose, place) > reach:
+            continue
         x, y = z[0] - point.z_hat[0], z[1] - point.z_hat[1]
         gate = min(rules.gate, rules.largest_area / (math.pi * math.sqrt(det)))
         if (d * x * x - 2.0 * b * x * y + a * y * y) / det > gate:
@@ -204,6 +209,8 @@ def _search(run: Run, rules: Record, corners: Corners, draws: np.ndarray) -> int
         if m < 0:
             one.pixel[0] += corners.drawn[k].bias[0]
             one.pixel[1] += corners.drawn[k].bias[1]
+        elif not _is_proven(rules, memory[m]):
+            std *= rules.probation
         one.R[0, 0], one.R[0, 1], one.R[1, 0], one.R[1, 1] = std * std, 0.0, 0.0, std * std
         found += 1
     detections = run.detections[:found]
@@ -219,8 +226,16 @@ def _search(run: Run, rules: Record, corners: Corners, draws: np.ndarray) -> int
                 keep = 1.0 - 1.0 / rules.trials
                 entry.tried = keep * entry.tried + 1.0
                 entry.matched = keep * entry.matched + matched
-                entry.seen = frame if matched else entry.seen
+                if matched:
+                    entry.since = frame if frame - entry.seen > rules.trials else entry.since
+                    entry.seen = frame
     return found
+
+
+@borrowing
+def _is_proven(rules: Record, entry: Record) -> bool:
+    """See `TemplateMap.proven`."""
+    return entry.seen - entry.since >= rules.trials - 1 and entry.matched >= rules.enough * rules.trials
 
 
 @compiled
@@ -276,7 +291,8 @@ def _initialise_features(run: Run, rules: Record, corners: Corners, draws: np.nd
         one.match = add_landmark(lens, filter.initialisation, filter.particles, belief, one.pixel, noise)
         if one.match <= 0:
             break
-        entry.id, entry.corner, entry.seen, entry.tried, entry.matched = one.match, c, frame, 0.0, 0.0
+        entry.id, entry.corner, entry.tried, entry.matched = one.match, c, 0.0, 0.0
+        entry.seen = entry.since = frame
         copy_into(entry.first_seen, belief.state.camera[:3])
         copy_into(occupied[crowd], z)
         crowd += 1

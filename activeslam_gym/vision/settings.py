@@ -68,6 +68,6 @@ class FrontEndSettings:
 SIGHTED = FrontEndSettings(
     depth_prior=math.inf, visible=24, least_visible=8, lens_std=0.0, floor_std=0.015, lasting_std=0.02, grain=1.5,
     fiducial_std=0.025, drift=0.6, fiducial_blur=0.001, fiducial_bias_std=0.025, redrawn=0.1, feature_bias_std=0.2,
-    residual_weight=12.0, most_change=0.7, least_score=0.87, most_residual=0.12, probation=1.0, fitted_every=0.05,
+    residual_weight=12.0, most_change=0.7, least_score=0.87, most_residual=0.12, fitted_every=0.05,
 )  # fmt: skip
 """The front end of a camera whose lens is known, in a room whose map should hold all of it."""

@@ -39,7 +39,8 @@ _NARROWEST = 0.35  # a plane that looks narrower than this share of its width at
 _SCALES = (0.45, 2.2)  # nor is one at less or more than so many times the distance of its first sight
 _SLOPE = 0.1  # by which a plane is tilted for a derivative
 _SLOPE_STD = 0.7  # of the two slopes of a feature's plane, before they are fitted
-_LEAST_INSIDE = 0.7  # nor is a template of which less than this share has been seen
+_LEAST_SEEN = 0.5  # nor is a template of which less than this share has been seen
+_LEAST_SHOWN = 0.7  # of a template that is drawn from a picture of the target
 
 
 class Templates(NamedTuple):
@@ -96,7 +97,7 @@ def shows_template(picture: np.ndarray, pixel: np.ndarray) -> bool:
     """Whether ``picture`` (h, w) shows enough around ``pixel`` (2,) for a template, NaN being nothing."""
     x, y = (round(float(value)) for value in pixel)
     around = tuple(slice(max(at - TEMPLATE_HALF, 0), max(at + TEMPLATE_HALF + 1, 0)) for at in (y, x))
-    return bool(np.isfinite(picture[around]).sum() >= _LEAST_INSIDE * TEMPLATE_SIDE**2)
+    return bool(np.isfinite(picture[around]).sum() >= _LEAST_SHOWN * TEMPLATE_SIDE**2)
 
 
 @compiled
@@ -109,7 +110,7 @@ def predict_appearance(view: View, templates: Templates, place: int, point: np.n
     nodes = np.empty((3, 3, 2))
     if not _find_nodes(view, templates, place, point, nodes):
         return False
-    return _draw(templates.patch[place], nodes, out) >= _LEAST_INSIDE * TEMPLATE_SIDE * TEMPLATE_SIDE
+    return _draw(templates.patch[place], nodes, out) >= _LEAST_SEEN * TEMPLATE_SIDE * TEMPLATE_SIDE
 
 
 @compiled

@@ -13,7 +13,6 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("activeslam_gym", "baselines", "agents")
 TOPS = ("studies", "benchmarks")  # import what they like, and are imported by nobody
 GYM = "activeslam_gym"
-
 MATHEMATICS = {"kernels", "registry", "config", "geometry", "linalg", "camera", "motion"}
 
 MAY_IMPORT: dict[str, set[str]] = {
@@ -139,12 +138,6 @@ def test_imports_go_down_without_a_circle() -> None:
         graph[module] = targets & MODULES - {module}
     assert not faults
     TopologicalSorter(graph).prepare()  # an error names the modules of a circle
-
-
-def test_truth_and_estimator_meet_in_envs_alone() -> None:
-    """A sensor sees the truth, and its model reads an `Estimate`; but no estimator."""
-    reach = {name: allowed | {name} for name, allowed in MAY_IMPORT.items()}
-    assert [name for name, all in reach.items() if {"world", "slam"} <= all] == ["envs"]
 
 
 def test_the_filters_arrays_and_the_ground_truth_are_read_by_those_alone_who_may() -> None:

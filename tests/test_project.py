@@ -18,8 +18,6 @@ else:
 
 ROOT = Path(__file__).resolve().parents[1]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-
-
 LEARNERS = ["torch", "stable_baselines3"]
 
 

@@ -27,8 +27,6 @@ MODEL = filter_of(PAPER)
 GATE, NEW_FEATURE_GATE = MODEL.association.gate, MODEL.association.new_feature_gate
 VAR = CAMERA.pixel_std**2
 R_PAPER = VAR * np.eye(2)
-
-
 MODELS = record(lens=CAMERA.dtype, motion=MOTION, filter=FILTER)
 
 

@@ -118,7 +118,6 @@ BASALT += '"k1": 0.01, "k2": -0.003, "k3": 0.001, "k4": 0.0002}}}}], "resolution
 BASALT += '"calib_accel_bias": [0.0, 0.0]}}}}'
 SIZE: dict[str, Any] = {"width": 640, "height": 480}
 FX = SIZE | {"fx": 500, "fy": 502, "cx": 310, "cy": 245}
-
 RADIAL_FILES = {
     "kalibr": "cam0:\n" + KALIBR.format("pinhole", "radtan", RADIAL),
     "kalibr, two models": f"cam0:\n{KALIBR.format('pinhole', 'radtan', RADIAL)}cam1:\n{OTHER}",

@@ -111,11 +111,11 @@ ROOM = replace(
     controller_frequency=_STIFFNESS,
 )
 """The rendered room and what the filter assumes of a hand: 15 images a second, 4 m/s^2 and 6 rad/s^2, u unknown."""
-HELD = replace(SIGHTED, trials=30, most_change=0.4, probation=1.0)
+HELD = replace(SIGHTED, trials=30, most_change=0.4)
 """The front end of the rendered room. A hand comes back to features that it left. So an occluded feature is kept for
 two seconds, where `SIGHTED` at 15 images a second keeps it for half of one; and no feature is searched from another
-side, where it would be missed and deleted. Probation, which would last as long, was not tried here. When the map is
-full, the features not seen for longest are deleted until as many are in view as are wanted."""
+side, where it would be missed and deleted. When the map is full, the features not seen for longest are deleted until as
+many are in view as are wanted."""
 _DESK = (3.0, 2.0, 3.0)
 """Size of the box of expected landmarks about the target of a real sequence [m]."""
 

@@ -126,6 +126,8 @@ def test_every_package_is_there_and_every_module_has_a_row() -> None:
     assert {f"{package}.__init__" for package in PACKAGES} <= set(SOURCES)
     missing = {unit(name) for name in MODULES if is_under(name, GYM)} - set(MAY_IMPORT)
     assert not missing, f"say in MAY_IMPORT where these stand: {sorted(missing)}"
+    both = [name for name, allowed in MAY_IMPORT.items() if {"world", "slam"} <= allowed | {name}]
+    assert both == ["envs"], "a sensor sees the truth, and its model reads an `Estimate`; but no estimator"
 
 
 def test_imports_go_down_without_a_circle() -> None:

@@ -193,9 +193,8 @@ def _search(run: Run, rules: Record, corners: Corners, draws: np.ndarray) -> int
         place = corners.points[memory[m].corner] if m >= 0 else fiducials[k]
         if not visible(view, place, -_EDGE, z) or found == run.detections.shape[0]:
             continue
-        if m >= 0 and not faces(corners.normals[memory[m].corner], place, pose, _FACING):
-            continue
-        if m < 0 and distance_between(pose, place) > reach:
+        near = m >= 0 or distance_between(pose, place) <= reach
+        if not near or (m >= 0 and not faces(corners.normals[memory[m].corner], place, pose, _FACING)):
             continue
         x, y = z[0] - point.z_hat[0], z[1] - point.z_hat[1]
         gate = min(rules.gate, rules.largest_area / (math.pi * math.sqrt(det)))

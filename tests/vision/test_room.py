@@ -184,8 +184,7 @@ def test_a_plane_whose_horizon_is_in_a_pixel_does_not_spoil_the_picture(tilt: fl
 
 
 @pytest.mark.parametrize(
-    "place",
-    [(0.0, 0.0, -1.0), (0.0, 0.0, -1.9), (0.7, 0.2, -1.7), (0.0, 0.0, -2.9), (-0.9, 0.1, -2.4), (0.0, 0.0, -3.4)],
+    "place", [(0, 0, -1), (0, 0, -1.9), (0.7, 0.2, -1.7), (0, 0, -2.9), (-0.9, 0.1, -2.4), (0, 0, -3.4)]
 )
 def test_the_target_is_drawn_as_it_is_photographed(place) -> None:
     """At every distance, up to the sensor's noise; and its corners are found without a bias, with looks that were drawn

@@ -93,7 +93,7 @@ class LearnedPolicy:
         if {one.shape[:-1] for one in firsts} != {(card["width"],)}:
             raise ValueError(f"width: {card['width']}, which is not that of the weights")
         self._inputs = Inputs(observation_layout(env), firsts[0].shape[1])
-        self._network = _network(self._inputs.layout, weights, card)
+        self._network = network_of(self._inputs.layout, weights, card)
         self._space = getattr(self._env, "single_action_space", self._env.action_space)
 
     def predict(
@@ -135,7 +135,7 @@ def _one_thread() -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
-def _network(layout: ObservationLayout, weights: dict[str, np.ndarray], card: dict[str, Any]) -> BasePolicy:
+def network_of(layout: ObservationLayout, weights: dict[str, np.ndarray], card: dict[str, Any]) -> BasePolicy:
     """The network for a layout with these weights. Raises ValueError where they do not fit the observation."""
     kinds: dict[str, tuple[type[BasePolicy], spaces.Space]] = {
         "dqn": (DQNPolicy, spaces.Discrete(len(Motion) * len(Gaze))),

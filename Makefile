@@ -15,7 +15,7 @@ CLIENTS := sb3 torchrl rllib cleanrl rerun live gtsam cluster
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo consistency learners curves leaderboard results figures advice bench clients client-figures clips docs test pytest test-oldest test-newest lint clean $(CLIENTS:%=client-%)
+.PHONY: help demo consistency learners generalist curves leaderboard results figures advice bench clients client-figures clips docs test pytest test-oldest test-newest lint clean $(CLIENTS:%=client-%)
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-14s %s\n", $$1, $$2}' Makefile
@@ -55,6 +55,10 @@ learners: $(VENV)/.agents ## train five seeds of each learner again (about six h
 		--jobs $(WORKERS) --out results/learning
 	cp results/learning/learning.png docs/images/learners.png
 
+generalist: $(VENV)/.agents ## teach `generalist` again (an hour): five seeds in results/generalist
+	printf '%s\n' $(SEEDS) | OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 xargs -P $(WORKERS) -I SEED \
+		$(RUN) -m studies.imitation --seed SEED --out results/generalist/SEED
+
 CURVES := $(SEEDS:%=office/%) $(foreach seed,0 1 2,clusters/$(seed) rooms/$(seed))
 CURVE  := $(RUN) -m agents train --test-episodes 0 --recipe
 
@@ -73,7 +77,7 @@ curves: $(VENV)/.agents ## learning curves in three scenarios, and how much is l
 leaderboard: $(VENV)/.agents $(VENV)/.advice ## play the test episodes of the suite, and make its page (hours; what is of this BEHAVIOUR already stays; with EPISODES=8 twenty minutes)
 	for policy in $(ENTRIES); do $(RUN) -m agents enter --name $$policy --policies $$policy $(PLAYED) $(ON) --out $(BOARD) || exit 1; done
 	$(RUN) -m agents enter --name generalist --policies generalist $(wildcard agents/pretrained/seeds/generalist-*.npz) \
-		--note "imitates older policies in 17 scenarios (DAgger); their training is not counted" $(PLAYED) $(ON) --out $(BOARD)
+		--note "imitates dqn-full and older policies in 17 scenarios (DAgger); their training is not counted" $(PLAYED) $(ON) --out $(BOARD)
 	for one in $(LEARNERS); do \
 		$(RUN) -m agents enter --name $$one --policies agents/suite/entries/$$one/policy-?.npz \
 			--note "$${one%-*} of Stable-Baselines3, in the suite's scenarios" $(PLAYED) $(ON) --out $(BOARD) || exit 1; \

@@ -3,9 +3,9 @@
     python -m studies.imitation --seed 0 --out results/generalist-0
 
 The teacher's preference for an action a is log π(a) + β A(a): actors' mean log probability, and β times critics' mean
-advantage. So it is π, improved as far as the weight β of the advantages allows against the divergence from π (Grill et
-al. 2020, "Monte-Carlo tree search as regularized policy optimization"). The student learns the teacher's probabilities
-in its own episodes, all of which it keeps (DAgger; Ross, Gordon and Bagnell 2011).
+advantage. This is the best policy at a bounded divergence from π (Abdolmaleki et al. 2018, "Maximum a posteriori policy
+optimisation", the E-step). The student learns the teacher's probabilities in its own episodes, all of which it keeps
+(DAgger; Ross, Gordon and Bagnell 2011).
 """
 
 import time
@@ -13,19 +13,21 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import torch
 
 from activeslam_gym import Gaze, Motion, ObservationLayout
 from activeslam_gym.config import TRAINING_SEED
-from agents.learn.learner import make_training, weights_of
+from agents.learn.best_weights import results
+from agents.learn.learner import make_training
 from agents.learn.policy import network_of
 from agents.learn.recipe import WEIGHTS, Recipe
-from agents.learn.weights import card_of, read, save
+from agents.learn.weights import card_of, read, read_card, save
+from agents.sb3 import SeveralScenarios
 from agents.tools.arguments import command_line
-from agents.tools.files import writable_folder
+from agents.tools.files import writable_folder, write_json
 from studies import Page, run
 
 WEIGHTS_OF_ADVANTAGES = {
@@ -146,15 +148,17 @@ class Args(Page):
     """Learning rate of Adam; it falls to zero in the last updates."""
     seed: int = 0
     """Seed of the episodes and of the student."""
+    test_episodes: int = 0
+    """Episodes of each scenario for the results on the card; 0 for none."""
     out: Path = Path("results/imitation")
     """Folder of the weights."""
 
 
 def main(args: Args) -> None:
-    """Teach, and write the last weights."""
+    """Teach, and write the last weights. Raises ValueError for weights that cannot teach or begin, or a bad number."""
     initial = args.initial.format(seed=args.seed)
     begun, (weights, card) = time.monotonic(), read(initial, "initial")
-    own = {"scenario": args.scenario, "num_envs": args.num_envs, "seed": args.seed, "initial": initial}
+    own: dict[str, Any] = {"scenario": args.scenario, "num_envs": args.num_envs, "seed": args.seed, "initial": initial}
     recipe = replace(Recipe.of(card), total_steps=args.total_steps, learning_rate=args.learning_rate, **own)
     recipe.check()
     writable_folder("out", args.out)
@@ -163,28 +167,38 @@ def main(args: Args) -> None:
         env.seed(FIRST_SEED + 100_000 * args.seed)
         teacher = Teacher(env.layout, args.actors, args.critics)
         student = Student(network_of(env.layout, weights, card), args.learning_rate, args.seed)
-        rows = {name: slice(k * args.num_envs, (k + 1) * args.num_envs) for k, name in enumerate(recipe.scenarios)}
-        steps, inputs = -(-args.total_steps // env.num_envs), env.reset()
-        for step in range(1, steps + 1):
-            with torch.inference_mode():
-                read_now = torch.as_tensor(inputs)
-                taught = [torch.cat(teacher(read_now[own], name), dim=1).numpy() for name, own in rows.items()]
-                actions = student.act(read_now)
-            student.keep(inputs, np.concatenate(taught))
-            inputs = env.step(actions)[0]
-            for _ in range(UPDATES):
-                student.learn()
-            if step % 50 == 0 or step == steps:
-                loss, seconds = np.mean(student.losses[-50 * UPDATES :]), time.monotonic() - begun
-                print(f"{step * env.num_envs:>7,} decisions, {seconds:,.0f} s: cross-entropy {loss:.3f}", flush=True)
-        for k in range(LAST_UPDATES):
-            student.learn(1.0 - k / LAST_UPDATES)
-        policy = SimpleNamespace(policy=student.network)
-        taught_by = {"command": command_line(args.command(), args), "actors": args.actors, "critics": args.critics}
-        made = card_of(asdict(recipe), steps * env.num_envs, time.monotonic() - begun, 0)
-        chosen = {"chosen": "the last weights", "steps_trained": steps * env.num_envs}
-        save(args.out / WEIGHTS, weights_of(policy), made | taught_by | chosen)
+        decisions = teach(teacher, student, env, recipe)
+    seconds = round(time.monotonic() - begun, 1)
+    card = card_of(asdict(recipe), decisions, seconds, 0) | {"command": command_line(args.command(), args)}
+    card |= {"actors": args.actors, "critics": args.critics, "chosen": "the last weights"}
+    card |= {"steps_trained": decisions, "seconds_trained": seconds}
+    path = args.out / WEIGHTS
+    save(path, {name: value.numpy() for name, value in student.network.state_dict().items()}, card)
+    if args.test_episodes:
+        found = {name: results(path, args.test_episodes, recipe, name, ())[0] for name in recipe.scenarios}
+        write_json(path.with_suffix(".json"), read_card(path) | {"results": found})
     print(f"Written to {args.out}/: {WEIGHTS} and its card")
+
+
+def teach(teacher: Teacher, student: Student, env: SeveralScenarios, recipe: Recipe) -> int:
+    """Let the student play and learn; the number of its decisions, in whole steps of all environments."""
+    rows = {name: slice(k * recipe.num_envs, (k + 1) * recipe.num_envs) for k, name in enumerate(recipe.scenarios)}
+    steps, observed = -(-recipe.total_steps // env.num_envs), env.reset()
+    for step in range(1, steps + 1):
+        inputs = torch.as_tensor(observed)
+        with torch.inference_mode():
+            chances = [torch.cat(teacher(inputs[own], name), dim=1).numpy() for name, own in rows.items()]
+            actions = student.act(inputs)
+        student.keep(observed, np.concatenate(chances))
+        observed = env.step(actions)[0]
+        for _ in range(UPDATES):
+            student.learn()
+        if step % 50 == 0 or step == steps:
+            loss = np.mean(student.losses[-50 * UPDATES :])
+            print(f"{step * env.num_envs:>7,} decisions: cross-entropy {loss:.3f}", flush=True)
+    for k in range(LAST_UPDATES):
+        student.learn(1.0 - k / LAST_UPDATES)
+    return steps * env.num_envs
 
 
 if __name__ == "__main__":

@@ -106,9 +106,7 @@ def test_an_entry_is_verified(entered: Path, capsys: pytest.CaptureFixture[str])
     assert "2 of 2 episodes replayed, 0 with other scores: the entry holds." in capsys.readouterr().out
 
 
-def test_a_finished_entry_is_played_again_for_another_behaviour_alone(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_finished_entry_is_played_again_for_another_behaviour_alone(tmp_path: Path, capsys: Any) -> None:
     entry = enter(tmp_path, "stay", "stay")
     given = json.loads(entry.read_text())
     entry.write_text(json.dumps(given | {"machine": "elsewhere"}))
@@ -122,9 +120,7 @@ def test_a_finished_entry_is_played_again_for_another_behaviour_alone(
         assert entries.read(entry).machine == given["machine"] and "Written to" in capsys.readouterr().out
 
 
-def test_a_learners_training_seeds_are_verified_with_their_weights(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_learners_training_seeds_are_verified_with_their_weights(tmp_path: Path, capsys: Any) -> None:
     entry = enter(tmp_path, "both", "ppo", "ppo-entropy")
     read = entries.read(entry)
     assert read.policies == ("policy-0.npz", "policy-1.npz") and read.contents[0] != read.contents[1]
@@ -142,9 +138,7 @@ def test_a_learners_training_seeds_are_verified_with_their_weights(
     assert "weights beside it" in capsys.readouterr().err
 
 
-def test_edited_scores_and_hashes_are_found(
-    entered: Path, edited: Callable[..., Path], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_edited_scores_and_hashes_are_found(entered: Path, edited: Callable[..., Path], capsys: Any) -> None:
     first, second = entries.read(entered).scores["paper"][0]
     for changes, message in (
         ({"scores": {"paper": [[first, second + 0.01]]}}, "episode 1"),
@@ -157,9 +151,7 @@ def test_edited_scores_and_hashes_are_found(
 
 
 @pytest.mark.parametrize(("field", "value"), [("name", "a|b"), ("scores", {"paper": [[1.0, float("nan")]]})])
-def test_a_damaged_entry_is_told_with_its_file(
-    field: str, value: Any, edited: Callable[..., Path], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_damaged_entrys_file_is_named(field: str, value: Any, edited: Callable[..., Path], capsys: Any) -> None:
     entry = edited(**{field: value})
     of = ["--suite", str(entry.parents[1] / "small.json"), "--entries", str(entry.parents[1])]
     assert verify(entry) == main(["leaderboard", *of]) == 2

@@ -29,10 +29,11 @@ from agents.__main__ import main
 from agents.learn import learner as learners
 from agents.learn.inputs import Inputs, common_size
 from agents.learn.learner import save_learner, weights_of
-from agents.learn.policy import SetEncoder
+from agents.learn.policy import SetEncoder, network_of
 from agents.learn.recipe import Recipe
 from agents.learn.weights import SHIPPED, read, read_card, save, shipped
 from agents.train import CHECKPOINT, Args, train
+from studies import imitation
 
 SMALL: dict[str, Any] = {"num_envs": 2, "width": 16, "period": 280, "validation_episodes": 2, "test_episodes": 0}
 SMALL |= {"duration": 5.0, "decision_period": 0.25, "warm_start": 0.0}
@@ -65,7 +66,7 @@ def test_shipped_weights_are_of_this_behaviour_or_measured_beside_a_new_training
         card = read_card(SHIPPED / f"{name}.npz")
         current = card.get("measured_behaviour", card["behaviour"]) == activeslam_gym.BEHAVIOUR
         assert current or card.get("stale"), f"{name}: mark it stale, or retrain it: {card['command']}"
-        assert card["command"].startswith("python -m agents train ")
+        assert card["command"].startswith(("python -m agents train ", "python -m studies.imitation "))
 
 
 @pytest.fixture(scope="module")
@@ -115,13 +116,6 @@ def test_it_holds_its_action_between_its_decisions(trained: Path) -> None:
         actions.append(list(action))
         observation = env.step(action)[0]
     assert actions == [actions[0]] * 5 + [actions[5]] * 5
-
-
-@pytest.mark.parametrize(("scenario", "sensor"), [("paper", "points"), ("gallery-pixels", "corners")])
-def test_a_scenario_of_images_is_trained_in_without_images(scenario: str, sensor: str) -> None:
-    env = learners.make_training(Recipe(scenario=scenario, num_envs=1))
-    assert env.unwrapped.scenario.sensor == sensor
-    assert env.unwrapped.scenario.name == scenario
 
 
 @pytest.mark.parametrize("algorithm", ["dqn", "a2c", "sac"])
@@ -340,3 +334,21 @@ def test_training_goes_on_from_weights_of_several_scenarios(tmp_path: Path) -> N
         np.testing.assert_allclose(own[name], values, atol=1e-6)
     curve = (tmp_path / "curve.csv").read_text(encoding="utf-8").splitlines()
     assert curve[0].startswith("decisions,") and {line.split(",")[2] for line in curve[1:]} == {"sprint"}
+
+
+def test_a_student_learns_to_decide_as_its_teacher(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(imitation, "LAST_UPDATES", 100)
+    given = {"actors": ("generalist",), "critics": ("agents/suite/entries/dqn-full/policy-0.npz",)}
+    args = imitation.Args(scenario="office+gallery-pixels", total_steps=320, num_envs=16, out=tmp_path, **given)
+    with pytest.raises(ValueError, match="critics: 'ppo' is of ppo; allowed: dqn"):
+        imitation.main(replace(args, critics=("ppo",)))
+    imitation.main(args)
+    weights, card = read(str(tmp_path / "policy.npz"))
+    env = learners.make_training(Recipe.of(card))
+    assert [one.unwrapped.scenario.sensor for one in env.batches] == ["points", "corners"]  # images only in play
+    inputs, teacher = torch.as_tensor(env.reset())[:16], imitation.Teacher(env.layout, args.actors, args.critics)
+    student, (actor,) = network_of(env.layout, weights, card), teacher.networks["actors"]
+    for own, wanted in zip(imitation.logits(student, inputs), teacher(inputs, "office")):
+        assert (own.argmax(dim=1) == wanted.argmax(dim=1)).float().mean() > 0.8
+    for own, wanted in zip(imitation.logits(actor, inputs), teacher(inputs, "hall")):  # where advantages count 0
+        torch.testing.assert_close(torch.softmax(imitation.SHARPNESS * own, dim=1), wanted)

@@ -86,9 +86,7 @@ def test_a_key_holds_everything_that_could_change_the_result(tmp_path: Path, mon
     assert is_kept(base)
 
 
-def test_a_page_names_the_commit_and_whether_code_has_changed_since(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_page_names_its_commit_and_a_change_since(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A page that the study before has written is no change of code; a clone of something else is not ours."""
 
     def git(*line: str) -> str:
@@ -133,9 +131,7 @@ def test_a_damaged_result_is_made_again_and_said(tmp_path: Path, capsys: pytest.
     assert "Played again" in capsys.readouterr().out
 
 
-def test_episodes_are_kept_as_they_finish_in_batches_of_one_group(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_finished_episodes_are_kept_in_batches_of_one_group(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sizes: list[int] = []
 
     def played(group: tuple[Task, ...]) -> list[Any]:

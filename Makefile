@@ -76,7 +76,7 @@ curves: $(VENV)/.agents ## learning curves in three scenarios, and how much is l
 
 leaderboard: $(VENV)/.agents $(VENV)/.advice ## play the test episodes of the suite, and make its page (hours; what is of this BEHAVIOUR already stays; with EPISODES=8 twenty minutes)
 	for policy in $(ENTRIES); do $(RUN) -m agents enter --name $$policy --policies $$policy $(PLAYED) $(ON) --out $(BOARD) || exit 1; done
-	$(RUN) -m agents enter --name generalist --policies generalist $(wildcard agents/pretrained/seeds/generalist-*.npz) \
+	$(RUN) -m agents enter --name generalist --policies $(wildcard agents/suite/entries/generalist/policy-?.npz) \
 		--note "imitates dqn-full and older policies in 17 scenarios (DAgger); their training is not counted" $(PLAYED) $(ON) --out $(BOARD)
 	for one in $(LEARNERS); do \
 		$(RUN) -m agents enter --name $$one --policies agents/suite/entries/$$one/policy-?.npz \

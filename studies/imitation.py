@@ -132,7 +132,7 @@ class Args(Page):
     """Teach `generalist` by other policies; write its weights and their card."""
 
     section = "imitation"
-    actors: tuple[str, ...] = ("generalist", *(f"agents/pretrained/seeds/generalist-{k}.npz" for k in (0, 1, 3, 4)))
+    actors: tuple[str, ...] = tuple(f"agents/suite/entries/generalist/policy-{k}.npz" for k in range(5))
     """Weights of PPO or A2C, by name or file."""
     critics: tuple[str, ...] = tuple(f"agents/suite/entries/dqn-full/policy-{k}.npz" for k in range(5))
     """Weights of DQN in several scenarios."""

@@ -20,19 +20,24 @@ Name = TypeVar("Name")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Page(Pages):
-    """Where a study's text goes."""
+class Command:
+    """A study's command."""
 
     section = ""
     """The study's name, and the section of the page."""
-
-    def __post_init__(self) -> None:
-        self.check_pages(self.section)
 
     @classmethod
     def command(cls) -> str:
         """The module to run."""
         return f"studies.{cls.section}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Page(Command, Pages):
+    """Where a study's text goes."""
+
+    def __post_init__(self) -> None:
+        self.check_pages(self.section)
 
     def publish(self, text: str) -> None:
         """Print a text, and put it into the pages, under its command."""
@@ -85,7 +90,7 @@ def tasks(policy: str, settings: str, seed: int, count: int, *measures: type[Any
     return [Task(policy, one, settings, measures=measures) for one in range(seed, seed + count)]
 
 
-P = TypeVar("P", bound=Page)
+P = TypeVar("P", bound=Command)
 
 
 def run(args: type[P], main: Callable[[P], None], arguments: Sequence[str] | None = None) -> None:

@@ -21,14 +21,14 @@ import torch
 from activeslam_gym import Gaze, Motion, ObservationLayout
 from activeslam_gym.config import TRAINING_SEED
 from agents.learn.best_weights import results
-from agents.learn.learner import make_training
+from agents.learn.learner import initial_weights, make_training
 from agents.learn.policy import network_of
 from agents.learn.recipe import WEIGHTS, Recipe
 from agents.learn.weights import card_of, read, read_card, save
 from agents.sb3 import SeveralScenarios
-from agents.tools.arguments import command_line
+from agents.tools.arguments import command_line, within
 from agents.tools.files import writable_folder, write_json
-from studies import Page, run
+from studies import Command, run
 
 WEIGHTS_OF_ADVANTAGES = {
     **{"pixels": 40.0, "gallery-pixels": 60.0, "corner-pixels": 40.0, "corridor-pixels": 40.0, "hand-held": 40.0},
@@ -66,6 +66,8 @@ class Teacher:
     def __init__(self, layout: ObservationLayout, actors: Sequence[str], critics: Sequence[str]) -> None:
         self.networks: dict[str, list[torch.nn.Module]] = {"actors": [], "critics": []}
         for argument, names, allowed in (("actors", actors, ("ppo", "a2c")), ("critics", critics, ("dqn",))):
+            if not names:
+                raise ValueError(f"{argument}: none; allowed: one or more of {', '.join(allowed)}")
             for name in names:
                 weights, card = read(name, argument)
                 if card["algorithm"] not in allowed:
@@ -128,7 +130,7 @@ def _drawn(chances: torch.Tensor) -> torch.Tensor:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args(Page):
+class Args(Command):
     """Teach `generalist` by other policies; write its weights and their card."""
 
     section = "imitation"
@@ -153,11 +155,15 @@ class Args(Page):
     out: Path = Path("results/imitation")
     """Folder of the weights."""
 
+    def __post_init__(self) -> None:
+        """Raises ValueError for a number outside its bounds."""
+        within(self, test_episodes=(0, 10**6), seed=(0, 2**31 - 1))
+
 
 def main(args: Args) -> None:
     """Teach, and write the last weights. Raises ValueError for weights that cannot teach or begin, or a bad number."""
     initial = args.initial.format(seed=args.seed)
-    begun, (weights, card) = time.monotonic(), read(initial, "initial")
+    begun, (weights, card) = time.monotonic(), initial_weights(Recipe(initial=initial))
     own: dict[str, Any] = {"scenario": args.scenario, "num_envs": args.num_envs, "seed": args.seed, "initial": initial}
     recipe = replace(Recipe.of(card), total_steps=args.total_steps, learning_rate=args.learning_rate, **own)
     recipe.check()

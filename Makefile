@@ -30,7 +30,7 @@ consistency: $(VENV)/.demo ## is the filter consistent? 100 episodes of each pol
 consistency leaderboard results figures advice: $(if $(CLUSTER),$(VENV)/.cluster)
 
 # SUITE: that the leaderboard shows. EPISODES: episodes of each study, for a trial; without bench.
-SUITE    := v3
+SUITE    := v4
 ENTRIES  := best-constant best-sequence sweep orbit random stay mi-mi mi-fisher joint-mi greedy-plus
 BOARD    := $(if $(EPISODES)$(filter development,$(SUITE)),results/entries,agents/suite/entries)
 PLAYED   := --suite $(SUITE) $(if $(EPISODES),--episodes $(EPISODES))

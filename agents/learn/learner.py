@@ -7,7 +7,6 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from pickle import UnpicklingError
-from types import MappingProxyType
 from typing import Any
 from zipfile import ZipFile
 
@@ -45,12 +44,11 @@ def training_seed(recipe: Recipe) -> int:
     return TRAINING_SEED + recipe.num_envs * recipe.seed
 
 
-def make_training(recipe: Recipe, times: Mapping[str, int] = MappingProxyType({})) -> VecEnv:
+def make_training(recipe: Recipe) -> VecEnv:
     """What is trained in: a batch of one scenario, or the batches of several in their common layout, which initial
-    weights have too. Rewards are clipped and scaled, episodes recorded as they are. ``times`` as many environments as
-    the recipe's are of a scenario, by its name."""
+    weights have too. Rewards are clipped and scaled, episodes recorded as they are."""
     threads = None if len(recipe.scenarios) == 1 else 1
-    batches = [_make_batch(recipe, name, recipe.num_envs * times.get(name, 1), threads) for name in recipe.scenarios]
+    batches = [_make_batch(recipe, name, recipe.num_envs, threads) for name in recipe.scenarios]
     env = SeveralScenarios(batches, _most_tokens(batches)) if _common_layout(recipe) else batches[0]
     env.seed(training_seed(recipe))
     return env

@@ -30,24 +30,32 @@ borrowed: Any = (lambda array: array) if _CONFIG.DISABLE_JIT else _borrowed
 def compiled(function: Any = None, **options: Any) -> Any:
     """Decorator of a function of numbers, arrays and records that kernels and Python may call; see `numba.njit`.
 
-    Called from Python it is a kernel of its own, ``function.kernel``: Numba's dispatcher. A kernel that calls it has it
-    compiled into itself, and is optimised there and nowhere else.
+    Called from Python it is a kernel of its own, ``function.kernel``: Numba's dispatcher, once it was called. A kernel
+    that calls it has it compiled into itself, and is optimised there and nowhere else.
     """
     if function is None:
         return functools.partial(compiled, **options)
     if _CONFIG.DISABLE_JIT:
         return function
-    alone = njit(nogil=True, error_model="numpy", **options)(function)  # a division by zero is no exception
-    alone.compile = _compiling()(alone.compile)
-    keep(alone, function)
 
     @functools.wraps(function)
     def call(*arguments: Any, **named: Any) -> Any:
-        return alone(*arguments, **named)
+        return call.kernel(*arguments, **named)  # type: ignore[attr-defined]
 
-    call.kernel = alone  # type: ignore[attr-defined]
+    call.kernel = functools.partial(_first_call, call, function, options)  # type: ignore[attr-defined]
     link(call, function, **options)
     return call
+
+
+def _first_call(call: Any, function: Any, options: dict[str, Any], *arguments: Any, **named: Any) -> Any:
+    """Make the kernel of ``call`` and run it. At the import, most of the time would go into those never called."""
+    with global_compiler_lock:  # of several threads, one makes it
+        if isinstance(call.kernel, functools.partial):
+            kernel = njit(nogil=True, error_model="numpy", **options)(function)  # a division by zero is no exception
+            kernel.compile = _compiling()(kernel.compile)
+            keep(kernel, function)
+            call.kernel = kernel
+    return call.kernel(*arguments, **named)
 
 
 @contextlib.contextmanager

@@ -57,9 +57,9 @@ def modules_with_kernels() -> list[ModuleType]:
 def compiled_functions(module: ModuleType) -> Iterator[Any]:
     """The Python functions of a module that are compiled."""
     for value in vars(module).values():
-        kernel = getattr(value, "kernel", value)
-        if isinstance(kernel, Dispatcher) and kernel.py_func.__module__ == module.__name__:
-            yield kernel.py_func
+        part = getattr(value, "part", value)
+        if isinstance(part, Dispatcher) and part.py_func.__module__ == module.__name__:
+            yield part.py_func
 
 
 def homes(module: ModuleType) -> dict[str, str]:

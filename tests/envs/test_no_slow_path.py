@@ -26,8 +26,6 @@ from activeslam_gym.envs.step import step_runs
 from activeslam_gym import SCENARIOS
 from activeslam_gym.envs.planning import score_runs
 
-KERNELS = step_runs.kernel, score_runs.kernel
-
 def begun(env, seed):
     env.action_space.seed(seed)
     env.reset(seed=seed)
@@ -55,9 +53,10 @@ for count, scenario in ((1, "paper"), (4, "paper"), (2, "paper-literal"), (2, "h
     left[f"{scenario} {count}"] = (after.alloc - before.alloc) - (after.free - before.free)
     if scenario == "paper":
         allocated[count] = (after.alloc - before.alloc) / (100 * count)
+kernels = step_runs.kernel, score_runs.kernel
 print(json.dumps({
-    "signatures": [len(kernel.signatures) for kernel in KERNELS],
-    "object_mode": [str(s) for kernel in KERNELS for s, one in kernel.overloads.items() if one.objectmode],
+    "signatures": [len(kernel.signatures) for kernel in kernels],
+    "object_mode": [str(s) for kernel in kernels for s, one in kernel.overloads.items() if one.objectmode],
     "allocated": allocated,
     "left": left,
 }))

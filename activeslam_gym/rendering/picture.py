@@ -7,6 +7,7 @@ it is itself imported when something is drawn.
 from __future__ import annotations
 
 import functools
+import threading
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -48,6 +49,7 @@ _STYLE = {
 }
 _BOX_ALPHA = 0.35  # how much of what is behind it a drawn box covers
 _DASHED = (0, (4, 2))
+_DRAWING = threading.Lock()  # environments of several threads share the pictures
 
 
 def draw(snapshot: Snapshot, size: tuple[int, int] = REFERENCE_SIZE, beside: Sequence[Curve] = ()) -> np.ndarray:
@@ -55,10 +57,11 @@ def draw(snapshot: Snapshot, size: tuple[int, int] = REFERENCE_SIZE, beside: Seq
 
     ``beside``: entropies of whole episodes, drawn up to the snapshot's time; they determine the axis of entropy.
     """
-    picture = _offscreen_picture(int(size[0]), int(size[1]))
-    picture.update(snapshot, beside)
-    picture.figure.canvas.draw()
-    return np.asarray(picture.figure.canvas.buffer_rgba())[..., :3].copy()
+    with _DRAWING:
+        picture = _offscreen_picture(int(size[0]), int(size[1]))
+        picture.update(snapshot, beside)
+        picture.figure.canvas.draw()
+        return np.asarray(picture.figure.canvas.buffer_rgba())[..., :3].copy()
 
 
 class Picture:

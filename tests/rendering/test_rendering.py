@@ -1,6 +1,7 @@
 """The picture of a snapshot: its shape, that it shows what changes, and that nothing degenerate breaks it."""
 
 import copy
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import lru_cache
 
@@ -52,6 +53,13 @@ def test_same_snapshot_same_picture_and_the_users_settings_are_left_alone():
     assert not np.array_equal(rendering.draw(make_snapshot(seed=2, steps=12, mode=None)), first)
     np.testing.assert_array_equal(rendering.draw(make_snapshot(seed=1)), first)
     assert dict(matplotlib.rcParams) == before and pyplot.get_fignums() == figures
+
+
+def test_threads_draw_what_one_draws():
+    moments = [make_snapshot(seed=1), make_snapshot(seed=2, steps=12)] * 4
+    with ThreadPoolExecutor(4) as pool:
+        for together, alone in zip(pool.map(rendering.draw, moments), map(rendering.draw, moments)):
+            np.testing.assert_array_equal(together, alone)
 
 
 @pytest.mark.filterwarnings("error")

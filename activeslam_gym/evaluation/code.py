@@ -106,12 +106,19 @@ def own_files(modules: Iterable[str]) -> dict[str, Path]:
     return found
 
 
-_PART = re.compile(r'"(?:scene|sensor|estimator|motion_criterion|reward)": "([\w.]+):[^"]+"')
+_PART = re.compile(r'"(?:scene|sensor|estimator|motion_criterion|reward)": "((?:[^"\\]|\\.)+)"')
+
+
+def foreign_parts(settings: str) -> set[str]:
+    """A user's own parts in the JSON of an environment's settings: all that are no name and no module of the package.
+
+    Their code may read files and use libraries, and a mesh is a file, so results of them are not identified.
+    """
+    given = _PART.findall(settings)
+    return {one for one in given if not one.isidentifier() and one.partition(".")[0] not in COUNTED}
 
 
 def foreign_modules(settings: str) -> set[str]:
-    """Modules of a user's own parts, 'package.module:name', in the JSON of an environment's settings.
-
-    Their code may read files and use libraries, so results that depend on them are not identified.
-    """
-    return {name for name in _PART.findall(settings) if name.partition(".")[0] not in COUNTED}
+    """The modules of those parts that are 'package.module:name'."""
+    named = (part.partition(":") for part in foreign_parts(settings))
+    return {module for module, colon, _ in named if colon and module.replace(".", "_").isidentifier()}

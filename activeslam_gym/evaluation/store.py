@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeslam_gym.evaluation.cluster import R, T, on_cluster, start_worker
-from activeslam_gym.evaluation.code import LIBRARIES, foreign_modules, package_sources, package_versions
+from activeslam_gym.evaluation.code import LIBRARIES, foreign_parts, package_sources, package_versions
 from activeslam_gym.files import written_whole
 
 Arrays = dict[str, NDArray[Any]]
@@ -119,7 +119,7 @@ class Store:
                     yield job, arrays
 
     def _path(self, label: str, key: Key) -> Path | None:
-        if self.folder is None or foreign_modules(json.dumps(key)):
+        if self.folder is None or foreign_parts(json.dumps(key)):
             return None
         digest = hashlib.sha256(_completed(key).encode()).hexdigest()[:20]
         return self.folder / f"{re.sub(r'[^A-Za-z0-9_.-]', '_', label)}-{digest}.npz"

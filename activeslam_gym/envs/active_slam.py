@@ -166,10 +166,10 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | Event | What it counts |
     |---|---|
     | `initialised` | features that joined the filter |
-    | `conversions` | features that became points |
+    | `conversions` | features that became points; 0 with a foreign estimator |
     | `deletions` | features that left the filter |
     | `rejected_matches` | detections in a gate that were too ambiguous to be used |
-    | `restarts` | times that the fiducials contradicted the belief, and it was reset |
+    | `restarts` | times that the fiducials contradicted the belief, and it was reset; 0 with a foreign estimator |
     | `wrong_matches` | matches with another point than that of the feature |
     | `false_features` | features that were initialised from clutter |
     | `wall_contacts` | frames and axes in which the camera touched a wall, and frames and bodies that it touched |
@@ -225,6 +225,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         checked_options(options)
         super().reset(seed=None if seed is None else whole_number("seed", seed, 0))
         key = int(self.np_random.integers(2**63))
+        self._running = False
         self._reset_run(0, key)
         self._play(BEGIN, 0.0)
         self._running = True

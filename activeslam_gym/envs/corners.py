@@ -277,6 +277,7 @@ def _initialise_features(run: Run, rules: Record, corners: Corners, draws: np.nd
             if m < 0 or in_view + born >= rules.least_visible:
                 break
             remove_id(belief, memory[m].id)
+            run.episode.events.deletions += 1
             memory[m].id = 0
         first, second = normal_pair(draws[4 * born + 2], draws[4 * born + 3])
         spread, _ = normal_pair(draws[4 * born + 4], draws[4 * born + 5])

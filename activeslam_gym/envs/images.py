@@ -23,8 +23,8 @@ from activeslam_gym.world.simulator import CLUTTER_LABEL
 
 WRONG_PX = 4.0
 """A match farther than this from where its point really is in the image is wrong: the noise is under a pixel."""
-_COUNTED = ("initialised", "deletions", "rejected_matches", "conversions")
-"""Events of the front end and the filter."""
+_COUNTED = ("deletions", "conversions", "restarts")
+"""Events that the filter counts."""
 
 
 class ImagePerception(Perception):
@@ -61,12 +61,14 @@ class ImagePerception(Perception):
         state, counts = run.world.state.camera, self._filter.counts
         frame = int(run.world.state.frame) + 1
         self.image = self._camera.photograph(state, frame)
-        counts["conversions"] = 0
         log = self._front_end.step(self.image, frame * float(run.models.motion.dt), u)
         found, events = self._front_end.candidates, run.episode.events
         self._followed.look(state, self.image, found)
-        for name, count in zip(_COUNTED, (log.initialised, log.deletions, log.rejected, int(counts["conversions"]))):
-            events[name] += count
+        events.initialised += log.initialised
+        events.rejected_matches += log.rejected
+        for name in _COUNTED:
+            events[name] += counts[name]
+            counts[name] = 0
         believed_first = found[np.argsort(found["match"] == REJECTED, kind="stable")][: len(run.detections)]
         run.detections[: len(believed_first)] = believed_first
         run.episode["detection_count"] = len(believed_first)

@@ -3,8 +3,6 @@
 A `Perception` is the sensor and the estimator of a run; the rest are the functions of which the kernel is made.
 """
 
-from typing import Any
-
 import numpy as np
 
 from activeslam_gym.envs.reset import Start, box_scene
@@ -27,7 +25,7 @@ from activeslam_gym.registry import array_of, asked, name_of, part_of
 from activeslam_gym.sensors.points import PointSensor
 from activeslam_gym.sensors.sensor import OWN_SENSORS, POINTS, measured, noise_of
 from activeslam_gym.slam.detection import REJECTED
-from activeslam_gym.slam.ekf import ESTIMATORS
+from activeslam_gym.slam.ekf import ESTIMATORS, Ekf
 from activeslam_gym.slam.estimate import Estimate, Measurements, put_estimate
 from activeslam_gym.world.bodies import drop_hidden, narrow_clearance, push_out, reach_of_command
 from activeslam_gym.world.scenes import Scene
@@ -65,7 +63,7 @@ class Perception:
 
 
 def step_runs_in_python(
-    runs: Run, perceptions: list[Any], orders: np.ndarray, commands: np.ndarray, start: int, stop: int
+    runs: Run, perceptions: np.ndarray, orders: np.ndarray, commands: np.ndarray, start: int, stop: int
 ) -> None:
     """`step.step_runs`, with the scene, the sensor and the estimator of each run; a ValueError names the frame."""
     for i in range(start, stop):
@@ -158,6 +156,12 @@ class PythonPerception(Perception):
         measurements = Measurements(values, noise, found["id"].copy())
         matched = asked(f"update() of {of}", lambda: self._estimator.update(measurements))
         found["match"] = array_of(f"what update() of {of} returns", matched, (len(values),), int)
+        events = run.episode.events
+        events.rejected_matches += np.count_nonzero(found["match"] == REJECTED)
+        if isinstance(self._estimator, Ekf):  # another one does not tell
+            for name in ("conversions", "restarts"):
+                events[name] += self._estimator.counts[name]
+                self._estimator.counts[name] = 0
         self._put_estimate(run, found["match"])
         judge(run)
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from activeslam_gym.config import whole_number
 from activeslam_gym.envs.evaluation import Labels, features_of_landmarks
 from activeslam_gym.envs.planning import Scores, predicted_belief
 from activeslam_gym.envs.run import Run
@@ -108,10 +109,11 @@ class BatchReads(Scores):
             ValueError: there is no such environment.
         """
         count = len(self._runs.episode)
-        if i not in range(count):
+        if whole_number("i", i, 0) >= count:
             raise ValueError(f"i must be in 0 … {count - 1}, got {i!r}")
-        one = SingleReads(self.setting, row(self._runs, slice(i, i + 1)), Workers(1, alone=self._workers.alone))
-        one._perceptions = self._perceptions[i : i + 1]
+        own = slice(i, i + 1)
+        one = SingleReads(self.setting, row(self._runs, own), Workers(1, alone=self._workers.alone))
+        one._perceptions, one._encoding, one.render_mode = self._perceptions[own], self._encoding, self.render_mode
         return one
 
     @property

@@ -83,7 +83,6 @@ def reset_run(setting: Setting, runs: Run, i: int, key: int) -> Start:
     run.owner["id"] = 0
     run.estimate.state.count, run.estimate.state.whole = 0, False
     runs.episode[i] = np.zeros(1, EPISODE)[0]
-    run.episode.begun = True
     run.episode.redraw_key[:] = redraws.generate_state(1, np.uint64)
     mean, covariance = start_of(scenario)
     mean[: len(drawn.place)] = drawn.place

@@ -64,15 +64,17 @@ class Runs:
         self._end_when_lost = bool(task.end_when_lost)
         count = len(runs.episode)
         self._orders, self._commands = np.zeros(count, np.int64), np.zeros((count, 4))
-        self._perceptions: list[Any] = [None] * count
+        self._perceptions = np.full(count, None, object)  # an array, of which `run` has a view
         self._past: list[list[np.ndarray]] = [[] for _ in range(count)]  # moments (9,) for pictures, see `_remember`
 
     def _reset_run(self, i: int, key: int) -> None:
         """Give run ``i`` a new room from ``key``; it is to BEGIN next."""
         with self._workers.alone:
+            self._runs.episode["begun"][i] = False
             start = reset_run(self.setting, self._runs, i, key)
             if not self._compiled:
                 self._perceptions[i] = perception_of(self.setting, row(self._runs, i), start, key)
+            self._runs.episode["begun"][i] = True
         self._past[i] = []
 
     def _play(self, orders: Any, commands: Any) -> None:

@@ -12,6 +12,7 @@ from activeslam_gym.envs.runs import Runs
 from activeslam_gym.information.entropy import WAITING
 from activeslam_gym.kernels import uncompiled
 from activeslam_gym.motion import Gaze, Motion, nearest_gaze, nearest_motion
+from activeslam_gym.sensors.sensor import TEXTURED
 from activeslam_gym.slam.estimate import COMPILED
 from activeslam_gym.slam.sight import sight_of_belief
 from activeslam_gym.world.scenes import Scene
@@ -32,7 +33,7 @@ class Snapshot:
     gaze: Gaze
     belief: PublicBelief
     truth: Truth
-    """With the boxes that there are; on images, with those landmarks that a feature follows."""
+    """With the boxes that there are; in rooms with textures, with those landmarks that a feature follows."""
     room_size: np.ndarray
     """(3,) [m]."""
     floor_plan: np.ndarray
@@ -80,7 +81,7 @@ def snapshot_of(runs: Runs, i: int) -> Snapshot:
     run, perception, scenario = runs._at(i), runs._perceptions[i], runs.scenario
     truth, episode, waiting = truth_of(run.world), run.episode, run.expected["feature"] == WAITING
     image = getattr(perception, "image", None)
-    landmarks = truth.landmarks if image is None else truth.landmarks[~waiting]
+    landmarks = truth.landmarks[~waiting] if scenario.sensor in TEXTURED else truth.landmarks
     past = np.reshape(runs._past[i], (-1, 9))
     times, most_mapped = past[:, 0], np.maximum.accumulate(past[:, 2])
     points = sight_of_belief(run.models.lens, run.ekf, run.world.fiducials, uncompiled(known_boxes)(run))

@@ -33,7 +33,7 @@ STEP, BEGIN, REST = 0, -1, -2
 def step_runs(runs: Run, orders: np.ndarray, commands: np.ndarray, start: int, stop: int) -> None:
     """Carry out the ``orders`` (B,) of the runs ``start`` … ``stop - 1``; of a STEP, ``commands`` (B, 4) is the action.
 
-    The one kernel of every environment, single or batched; see `motion.COMMANDS`.
+    One kernel for single and batched environments; `perception` has the step with other parts. See `motion.COMMANDS`.
     """
     covariance = runs.estimate.covariance[start]  # one for all: it stays in the processor's cache
     runs.estimate.state[start].whole = False

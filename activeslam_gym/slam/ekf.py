@@ -57,6 +57,7 @@ class Ekf:
         self.scenario, self.fiducials, self.sensor = scenario, fiducials, sensor
         self._filter = Filter(scenario, fiducials=fiducials, boxes=getattr(sensor, "boxes", None))
         self.belief, self.models, self.boxes = self._filter.belief, self._filter.models, self._filter.boxes
+        self.counts = self._filter.counts
 
     def reset(self, mean: np.ndarray, covariance: np.ndarray) -> None:
         """Begin an episode."""
@@ -68,7 +69,7 @@ class Ekf:
 
     def update(self, measurements: Measurements) -> np.ndarray:
         """Associate, update, and initialise features; (M,) what each measurement was matched to."""
-        belief, model, counts = self.belief, self.models.filter, self._filter.counts
+        belief, model, counts = self.belief, self.models.filter, self.counts
         values, noise = measurements.values, measurements.noise
         found = detections_of(values[:, :2], noise[:, :2, :2], measurements.ids)
         sight = self.predicted()
@@ -76,6 +77,7 @@ class Ekf:
         count_misses(model.initialisation, belief, len(self.fiducials), sight, matches)
         if contradicted(model.restart, belief, sight, found, matches):
             restart(model.restart, belief)
+            counts.restarts += 1
             found["match"] = REJECTED
         elif len(matched := np.flatnonzero(matches >= 0)):
             self.correct(sight.point[matched], values[matches[matched]], noise[matches[matched]])

@@ -18,6 +18,7 @@ from activeslam_gym.slam.belief import (
     INVERSE_DEPTH,
     KIND_DIM,
     MOST_BIASED,
+    NEVER,
     Belief,
     empty_beliefs,
     mapped_of,
@@ -249,6 +250,7 @@ class Filter:
             feature["mean"] = 0.0, 0.0, 0.0, *points[k]
             feature["kind"], feature["start"], feature["slot"] = INVERSE_DEPTH, CAMERA_DIM + width * k, k
             feature["id"], feature["born"], feature["seen"], feature["misses"] = k + 1, 0, 0, 0
+            feature["crowded"] = -NEVER
         self._sight = None
         return self.ids
 
@@ -259,6 +261,7 @@ class Filter:
             KeyError: no feature has that id.
         """
         remove_feature(self.belief, self._place(id))
+        self.counts["deletions"] += 1
         self._sight = None
 
     def _place(self, id: int) -> int:
@@ -288,12 +291,17 @@ class Filter:
         return self.belief.covariance[:CAMERA_DIM, :CAMERA_DIM].copy()
 
     def place_camera(self, mean: np.ndarray, covariance: np.ndarray) -> None:
-        """Give the camera a ``mean`` (13,) and a ``covariance`` (12, 12) independent of the map, which stays."""
-        belief = self.belief
-        belief.state.camera[:] = mean
+        """Give the camera a ``mean`` (13,) and a ``covariance`` (12, 12) independent of the map, which stays.
+
+        Raises:
+            ValueError: an array is not of its shape, or not finite.
+        """
+        belief, first = self.belief, _array("mean", mean, None, (CAMERA_SIZE,))
+        P = _array("covariance", covariance, None, (CAMERA_DIM, CAMERA_DIM))
+        belief.state.camera[:] = first
         belief.covariance[:CAMERA_DIM, :] = 0.0
         belief.covariance[:, :CAMERA_DIM] = 0.0
-        belief.covariance[:CAMERA_DIM, :CAMERA_DIM] = covariance
+        belief.covariance[:CAMERA_DIM, :CAMERA_DIM] = P
         self._sight = None
 
     @property

@@ -38,7 +38,7 @@ class FrameLog(NamedTuple):
     matched: int
     rejected: int  # found and not believed
     initialised: int
-    deletions: int
+    deletions: int  # features that failed, or that the target contradicted
     clear: bool  # so much of the searched was matched that features could be judged and initialised
     lost: bool  # too little of the map was matched to tell the pose
     relocalised: bool  # the map was lost, and found again in this image
@@ -290,6 +290,7 @@ class FrontEnd:
         for id in (ids := self.filter.ids.tolist()):
             self._forget(id)
         self.filter.place_camera(*instead)
+        self.filter.counts["restarts"] += 1
         self._last_view = None
         return len(ids)
 

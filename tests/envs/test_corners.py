@@ -23,10 +23,13 @@ def flown() -> Any:
     """An environment after 7 s, with the matches of each step's last frame: id, pixel, R, and the camera's truth."""
     env = gym.make("ActiveSLAM-v0", scenario=GALLERY, gaze_period=0.25)
     env.reset(seed=SEED)
+    assert not len(env.unwrapped.snapshot().truth.landmarks)  # which features would follow
     run, corners = env.unwrapped._run, env.unwrapped._perceptions[0].corners
-    frames = []
+    frames, features = [], 0
     for action in ACTIONS:
-        env.step(action)
+        events = env.step(action)[4]["events"]
+        features += events["initialised"] - events["deletions"]
+        assert features == run.ekf.state.count
         found = run.detections[: int(run.episode.detection_count)].copy()
         memory = corners.memory[corners.memory["id"] > 0]
         frames.append((run.world.state.camera.copy(), found, memory, corners.points[memory["corner"]]))

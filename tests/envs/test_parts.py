@@ -64,6 +64,7 @@ def test_the_step_in_python_is_that_of_the_kernel(seed: int) -> None:
         np.testing.assert_allclose(mine.covariance, theirs.covariance, rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(observation, other_observation, rtol=0.0, atol=1e-6)  # single precision
         np.testing.assert_allclose((reward, info["log_score"]), (other, other_info["log_score"]), rtol=1e-9, atol=1e-6)
+        assert info["events"] == other_info["events"]
 
 
 def test_a_range_sensor_flies_with_the_built_in_filter_and_planner_and_tells_more_than_a_pixel() -> None:
@@ -71,6 +72,33 @@ def test_a_range_sensor_flies_with_the_built_in_filter_and_planner_and_tells_mor
     assert np.median([run.log_score[-1] for run in ranged]) > np.median([run.log_score[-1] for run in pixel]) + 10.0
     assert not any(run.lost or run.events["wrong_matches"].sum() for run in ranged)
     assert np.mean([run.position_nees for run in ranged]) < 2.0
+
+
+def test_a_view_of_one_environment_of_a_batch_follows_it() -> None:
+    batch = gym.make_vec("ActiveSLAMDiscrete-v0", num_envs=2, scene=SphereScene, render_mode="rgb_array").unwrapped
+    one = batch.run(1)
+    batch.reset(seed=0)
+    assert one.truth.scene is batch._perceptions[1].scene is not None and one.render_mode == "rgb_array"
+    np.testing.assert_array_equal(one.action_masks(), batch.action_masks()[1])
+    for wrong in (2, 1.0):
+        with pytest.raises(ValueError, match="i must be"):
+            batch.run(wrong)
+
+
+def test_nothing_goes_on_after_a_reset_that_failed() -> None:
+    made: list[Any] = []
+
+    def once(*arguments: Any) -> RangeSensor:
+        made.append(arguments)
+        return RangeSensor(*arguments) if len(made) == 1 else fails()
+
+    env: Any = gym.make("ActiveSLAM-v0", sensor=once).unwrapped
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="KeyError: 'gone'"):
+        env.reset(seed=1)
+    for call in (lambda: env.step((0, 0)), env.snapshot):
+        with pytest.raises(gym.error.ResetNeeded):
+            call()
 
 
 def test_an_estimator_from_outside_flies_a_whole_episode() -> None:
@@ -208,5 +236,6 @@ def test_parts_that_hold_the_laws_pass() -> None:
     checks.check_scene("boxes", "office")
     checks.check_sensor("examples.extend_range_sensor:RangeSensor")
     checks.check_estimator("ekf")
+    checks.check_sensor(RangeSensor, {"duration": 2.0})
     with pytest.raises(ValueError, match="the package's own; allowed"):
         checks.check_sensor("points")

@@ -67,6 +67,13 @@ def test_a_belief_is_resumed_as_it_is_given_and_predicts_pixels_by_it() -> None:
     assert np.linalg.eigvalsh(joint).min() > -1e-12
     assert np.abs(joint[12:, :12]).max() > 1e-7, "the camera and the points are correlated"
     assert filter.add_landmark([100.0, 80.0]) == 3
+    filter.resume(filter.mean, points, 1e-6 * np.eye(18))
+    point = filter.sight().point
+    found = filter.update(detections_of(point["z_hat"], R_PAPER))
+    np.testing.assert_array_equal(found, point["id"])  # at once: nothing was crowded
+    for mean, P_c in ((np.full(13, np.nan), P[:12, :12]), (camera, 0.1)):
+        with pytest.raises(ValueError, match="mean must be finite|covariance must be numbers"):
+            filter.place_camera(mean, P_c)
     with pytest.raises(ValueError, match="covariance must be numbers of shape"):
         filter.resume(camera, points, np.eye(15))
     with pytest.raises(ValueError, match=f"points must be {filter.capacity} at most"):

@@ -65,7 +65,8 @@ def test_the_images_tell_where_the_camera_is_by_matches_good_to_a_fraction_of_a_
     assert len(errors) > 4 and np.median(np.abs(errors)) < 0.3
     assert infos[-1]["position_error"] < 0.2 and infos[-1]["orientation_error"] < 0.1
     assert infos[-1]["entropy"] < infos[0]["entropy"] - 100.0, "bits"
-    assert sum(info["events"]["initialised"] for info in infos[1:]) > 8
+    born, gone = (sum(info["events"][name] for info in infos[1:]) for name in ("initialised", "deletions"))
+    assert born > 8 and born - gone == run.ekf.state.count
     assert sum(info["events"]["wrong_matches"] for info in infos[1:]) < 0.1 * 13 * len(infos), "a tenth of the matches"
 
 

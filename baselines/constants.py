@@ -8,7 +8,7 @@ import json
 import os
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -83,9 +83,9 @@ def key_of(env: Any) -> str:
 
     Fields that only planners read change no open loop.
     """
-    scenario, plain = env.scenario, Scenario()
-    own = {one.name: getattr(scenario, one.name) for one in fields(scenario) if one.name not in OF_PLANNERS}
-    differing = {name: value for name, value in own.items() if value != getattr(plain, name) and name != "name"}
+    own, plain = fields_of(env.scenario), fields_of(Scenario())
+    unread = *OF_PLANNERS, "name"
+    differing = {name: value for name, value in own.items() if value != plain[name] and name not in unread}
     return json.dumps(differing | {"motion_period": env.motion_period, "duration": env.duration}, sort_keys=True)
 
 

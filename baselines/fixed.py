@@ -15,12 +15,18 @@ class Random(Policy):
     """Uniform over the motions once a motion period, and over the gazes once a gaze period.
 
     ``seed``: of all that is drawn; several, one for each environment of a batch: each draws as a single one would.
+
+    Raises:
+        ValueError: there are neither one seed nor as many as environments.
     """
 
     def __init__(self, env: Environment, seed: int | Sequence[int] | None = None) -> None:
         super().__init__(env)
-        several = isinstance(seed, Sequence)
-        self._generators = [np.random.default_rng(one) for one in (seed if several else [seed])]  # type: ignore[union-attr]
+        several = np.ndim(seed) > 0  # type: ignore[arg-type]
+        seeds: Any = seed if several else [seed]
+        if several and len(seeds) != self.num_envs:
+            raise ValueError(f"seed: {len(seeds)} of them; allowed: one, or {self.num_envs}, as many as environments")
+        self._generators = [np.random.default_rng(one) for one in seeds]
         self._size = 1 if several else self.num_envs
 
     def _draw(self, count: int) -> Actions:

@@ -59,8 +59,8 @@ class AmortisedGreedy(Greedy):
         return actions
 
     def choose_motion(self) -> Actions:
-        incomplete = np.isnan(self._scores).any(axis=-1)
-        if (incomplete & self.motion_starts()).any():
+        incomplete = np.isnan(self._scores).any(axis=-1) & self.motion_starts()
+        if incomplete.any():
             at_once = self.per_env(self.env.motion_scores(self.motion_criterion))
             self._scores[incomplete] = at_once[incomplete]
         return best(self._scores)

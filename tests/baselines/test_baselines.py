@@ -21,6 +21,7 @@ from baselines.constants import CONSTANTS, best_constant, choose, key_of
 from baselines.fixed import Planned
 from baselines.policy import TIE, best
 from baselines.sequences import Sequence, choose_sequence, constant, log_scores, sequence_from
+from examples.extend_scene import SphereScene
 
 OBSERVATION = np.zeros(4, dtype=np.float32)
 STEPS = 5
@@ -178,6 +179,24 @@ def test_amortised_decision_scores_every_motion_once_a_period(steps: int) -> Non
     assert env.calls[1:] == (list(Motion) if steps > 1 else ["all"])
     env.step_index, env.motion["mutual_information"][Motion.DOWN] = np.array(0), 3.0
     assert act(policy)[0] == Motion.DOWN  # afresh after a reset
+
+
+def test_amortised_decisions_in_a_batch_out_of_phase_are_those_alone() -> None:
+    batch = gym.make_vec("ActiveSLAM-v0", num_envs=2, scenario="hand-held")
+    single = gym.make("ActiveSLAM-v0", scenario="hand-held")
+    together, alone = (baselines.make("mi-mi", env) for env in (batch, single))
+    (observations, _), (observation, _) = batch.reset(seed=0), single.reset(seed=0)
+    for k in range(9):
+        if k == 2:
+            observations, _ = batch.reset(seed=5, options={"reset_mask": np.array((False, True))})
+        (actions, _), (action, _) = together.predict(observations), alone.predict(observation)
+        np.testing.assert_array_equal(actions[0], action)
+        np.testing.assert_array_equal(together._scores[0], alone._scores[0])
+        (observations, *_), (observation, *_) = batch.step(actions), single.step(action)
+
+
+def test_a_choice_for_parts_that_are_objects_has_a_key() -> None:
+    assert '"scene": "examples.extend_scene:SphereScene"' in constants.key_of(bare(scene=SphereScene))
 
 
 BACK_THEN_ORBIT = Sequence(((int(Motion.BACKWARDS), int(Gaze.STAY)), (int(Motion.RIGHT), int(Gaze.LEFT))), (0.54, 1.0))

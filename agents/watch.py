@@ -106,11 +106,11 @@ class Film:
     def __init__(self, every: float, width: int) -> None:
         self.every = every
         self.size = (width, round(width * REFERENCE_SIZE[1] / REFERENCE_SIZE[0]))
-        self._moments: list[tuple[Snapshot, bool]] = []  # and whether it is lost then
+        self._moments: list[tuple[Snapshot, bool]] = []  # and whether it is lost, which stands under the time
 
     def observe(self, core: Any, info: dict[str, Any]) -> None:
-        """Keep the moment if it is time for one, or the episode is lost, which stands under the time."""
-        if core.time >= self.every * len(self._moments) - 1e-9 or info["lost"]:
+        """Keep the moment if it is time for one."""
+        if core.time >= self.every * len(self._moments) - 1e-9:
             self._moments.append((deepcopy(core.snapshot()), info["lost"]))
 
     @property

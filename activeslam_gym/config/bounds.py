@@ -64,7 +64,7 @@ _WHOLE = _number("a whole number", lambda x: isinstance(x, int))
 _POSITIVE = _number("a positive number", lambda x: x > 0)
 _NOT_NEGATIVE = _number("zero or a positive number", lambda x: x >= 0)
 _POSITIVE_OR_NONE = _number("a positive number or None", lambda x: x > 0, none=True)
-_NOT_NEGATIVE_OR_NONE = _number("zero, a positive number or None", lambda x: x >= 0, none=True)
+_FINITE_OR_NONE = _number("a finite number or None", none=True)
 _AT_LEAST_2 = Bound("at least 2", lambda x: x >= 2)
 _MODERATE = Bound("of a size from 1e-12 to 1e12", _is_moderate)
 _XYZ = Bound("3 positive numbers", lambda value: is_tuple(value, 3, _POSITIVE.holds))
@@ -83,7 +83,7 @@ FiniteFloat = Annotated[float, _number("a finite number"), _MODERATE]
 PositiveFloat = Annotated[float, _POSITIVE, _MODERATE]
 NonNegativeFloat = Annotated[float, _NOT_NEGATIVE, _MODERATE]
 PositiveFloatOrNone = Annotated[float | None, _POSITIVE_OR_NONE, _MODERATE]
-NonNegativeFloatOrNone = Annotated[float | None, _NOT_NEGATIVE_OR_NONE, _MODERATE]
+FiniteFloatOrNone = Annotated[float | None, _FINITE_OR_NONE, _MODERATE]
 ClutterRate = Annotated[float, _NOT_NEGATIVE, _MODERATE, _at_most(200)]
 Probability = Annotated[float, _number("in [0, 1)", lambda x: 0 <= x < 1)]
 Angle = Annotated[float, _POSITIVE, Bound("at most pi / 2", lambda x: x <= math.pi / 2)]

@@ -25,7 +25,7 @@ class LensSettings(bounds.Settings):
     """K_d of equation 1 [1/px^2]; negative of a pincushion."""
     true_focal_px: bounds.PositiveFloatOrNone = None
     """Focal length of the true camera, if the calibration is wrong [px]; None: ``focal_px``."""
-    true_distortion: bounds.NonNegativeFloatOrNone = None
+    true_distortion: bounds.FiniteFloatOrNone = None
     """Distortion of the true camera, if the calibration is wrong [1/px^2]; None: ``distortion``."""
     minimum_depth: bounds.PositiveFloat = 0.1
     """Points nearer than this along the optical axis are not seen [m]."""

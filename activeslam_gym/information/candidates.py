@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from activeslam_gym.camera import change_of_view, distance_between, free_way, view_of, visible
+from activeslam_gym.config import MOST_HELD_FRAMES
 from activeslam_gym.geometry import rotate_left, rotation_matrix
 from activeslam_gym.information.criteria import criterion_of_number
 from activeslam_gym.information.entropy import WAITING, gathered, waiting_count
@@ -293,7 +294,7 @@ def checked_plans(plans: Any) -> np.ndarray:
     if array.dtype != ACTION or array.ndim != 2 or array.shape[1] == 0:
         message = "plans must be an array (A, L) of activeslam_gym.information.candidates.ACTION (motion, gaze, frames)"
         raise ValueError(f"{message}: np.array([[(Motion.LEFT, Gaze.STAY, 20)]], ACTION), for example; got {plans!r}")
-    least, limit = (REMAIN, 0, 0), (MOTION_COUNT, GAZE_COUNT, np.inf)
+    least, limit = (REMAIN, 0, 0), (MOTION_COUNT, GAZE_COUNT, MOST_HELD_FRAMES + 1)
     for name, low, high in zip(ACTION.names or (), least, limit, strict=True):
         if not ((array[name] >= low) & (array[name] < high)).all():
             raise ValueError(f"{name} of plans must be in {low} … {high - 1}, got {array[name].tolist()}")

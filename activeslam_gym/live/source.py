@@ -114,8 +114,7 @@ ROOM = replace(
 HELD = replace(SIGHTED, trials=30, most_change=0.4)
 """The front end of the rendered room. A hand comes back to features that it left. So an occluded feature is kept for
 two seconds, where `SIGHTED` at 15 images a second keeps it for half of one; and no feature is searched from another
-side, where it would be missed and deleted. When the map is full, the features not seen for longest are deleted until as
-many are in view as are wanted."""
+side, where it would be missed and deleted. When the map is full, features not seen for long make room."""
 _DESK = (3.0, 2.0, 3.0)
 """Size of the box of expected landmarks about the target of a real sequence [m]."""
 

@@ -101,7 +101,7 @@ def draw_room(scenario: Scenario, rng: np.random.Generator) -> Room:
         return Room(place, camera, fiducials, found[:, :3], found[:, 3:].reshape(-1, 3), boxes, scene)
     if foreign:
         cause = "its bodies stand where the camera starts, or hide its fiducials"
-        raise RuntimeError(f"scene {name_of(scenario.scene)!r}: no room was found in {_TRIES} tries: {cause}")
+        raise NoRoomError(f"scene {name_of(scenario.scene)!r}: no room was found in {_TRIES} tries: {cause}")
     cause = "too many boxes or walls, boxes too large, point_spacing too large, or nothing in view at fiducial_distance"
     raise NoRoomError(f"scenario {scenario.name!r}: no room was found in {_TRIES} tries: {cause}")
 

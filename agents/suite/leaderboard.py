@@ -115,13 +115,13 @@ def compared(of: Suite, found: Sequence[Entry]) -> list[Result]:
     def result(entry: Entry) -> Result:
         gains, failed = (np.stack([part(one) for one in of.scenarios]) for part in (entry.gains, entry.failed))
         leads = np.stack([own - loop.mean(axis=0) for own, loop in zip(gains, best)])
-        scores, ahead = ([bootstrapped(one[None], interquartile_mean) for one in array] for array in (gains, leads))
+        scores, lead = ([bootstrapped(one[None], interquartile_mean) for one in array] for array in (gains, leads))
         return Result(
             entry,
             failures(failed.astype(float)),
             bootstrapped(gains / units[:, None, None], interquartile_mean),
             bootstrapped(0.5 * (1.0 + np.sign(leads)), mean),  # ties are halves
-            dict(zip(of.scenarios, map(InScenario, scores, ahead, failed.mean(axis=(1, 2)).tolist()))),
+            dict(zip(of.scenarios, map(InScenario, scores, lead, failed.mean(axis=(1, 2)).tolist()))),
         )
 
     return sorted(map(result, found), key=lambda one: -one.normalised.value)

@@ -1,1 +1,1 @@
-"""Helpers of every command: arguments, files, sections of Markdown pages, statistics over episodes."""
+"""Helpers of every command: arguments, files, sections of Markdown pages."""

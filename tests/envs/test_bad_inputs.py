@@ -12,6 +12,7 @@ import pytest
 
 import baselines
 from activeslam_gym import ActiveSLAMEnv, ActiveSLAMVectorEnv, observation_layout
+from activeslam_gym.information.candidates import ACTION
 
 HUGE = 10**400
 NOTHING_GOOD = (-1, 0, -HUGE, float("nan"), "bogus", "", [], True, b"x", object(), np.array([1, 2]), 1j, [("a", 1)])
@@ -35,7 +36,8 @@ BAD_ACTIONS += ([[1, 2]], np.array([1, 2], object), [HUGE, 0], [True, False], np
 JUST_ALLOWED: tuple[dict[str, Any], ...] = (
     *({"rate_loop_time": 0.0251}, {"controller_frequency": 16.5}, {"room_size": (1e12,) * 3}, {"clutter_rate": 200}),
     *({"pixel_std": 1e-12}, {"acceleration_std": 1e12}, {"orientation_std": 1e12}, {"inverse_depth_mean": 1e-12}),
-    *({"distortion": 1e12}, {"particle_depth": (1e-12, 1e12), "initialisation": "depth_particles"}),
+    *({"distortion": 1e12}, {"true_distortion": -1e-7}),
+    {"particle_depth": (1e-12, 1e12), "initialisation": "depth_particles"},
     {"particle_prune": 0.999, "initialisation": "depth_particles"},
 )
 BAD_SEEDS = (-1, 1.5, "a", object(), np.float64(3.0), True)
@@ -94,8 +96,9 @@ def test_scores_policies_and_layouts_are_named(env: ActiveSLAMEnv, batch: Active
     for core, criterion in itertools.product((env, batch), (5, None, [], {}, "bogus", object(), b"x", ("a",))):
         for scores in (core.motion_scores, core.gaze_scores, core.joint_scores):
             refuses("criterion", scores, criterion)
-    for plans in (None, 5, [], np.zeros(3), np.zeros((2, 2)), "a"):
+    for plans in (None, 5, [], np.zeros(3), np.zeros((2, 2)), "a", np.array([[(0, 0, 10**10)]], ACTION)):
         refuses("plans", env.scores, plans)
+    refuses("seed", baselines.fixed.Random, batch, np.arange(3))
     foreign = gymnasium.make("CartPole-v1"), gymnasium.make_vec("CartPole-v1", num_envs=1)
     for other in (*foreign, None, 5, "ActiveSLAM-v0"):
         for name in baselines.names():

@@ -1,6 +1,6 @@
 """The paper's live system from rendered pixels: does a person who follows the advice know more?
 
-    python -m studies.live --episodes 50 --long 20 --report docs/live.md
+    python -m studies.live --episodes 44 --long 14 --seed 5000006 --report docs/live.md
 
 Persons who follow, move at random or stay, in the same rendered rooms, with the same hand and gaze. The first of the
 episodes, ``--long``, last to the last of ``--seconds``, the others to the first.

@@ -5,7 +5,9 @@ from contextlib import ExitStack, closing
 from dataclasses import replace
 from typing import Any
 
-from agents.learn.recipe import CHECKPOINT, CURVE, WEIGHTS, Args
+from activeslam_gym import BEHAVIOUR
+from activeslam_gym.config import fields_of
+from agents.learn.recipe import CHECKPOINT, CURVE, WEIGHTS, Args, scenario_of
 from agents.tools.files import alone_in, reading, writable_folder, write_json
 
 ARGUMENTS = "arguments.json"
@@ -46,10 +48,11 @@ def train(args: Args) -> bool:
             stack.enter_context(closing(batch))
         _require_same(args)
         learner = learners.learner_in(args, env, args.out / CHECKPOINT, args.out / "logs", args.device)
-        write_json(args.out / ARGUMENTS, args.arguments())
+        write_json(args.out / ARGUMENTS, _identity(args))
         best_weights = BestWeights(args, learner, batches)
         try:
-            if (left := args.total_steps - learner.num_timesteps) > 0:
+            left = max(args.total_steps - learner.num_timesteps, 0)
+            if left or best_weights.visited < learner.num_timesteps:  # the last validation was interrupted
                 callbacks = [best_weights, EpisodeLog(), *_wandb(args, stack)]
                 learner.learn(left, callback=callbacks, reset_num_timesteps=False, tb_log_name="run")
             finished = True
@@ -57,8 +60,8 @@ def train(args: Args) -> bool:
             finished = False
         finally:
             best_weights.close()
-        if finished and args.test_episodes:
-            best_weights.add_results()
+        if finished:
+            best_weights.complete_card()
         return finished
 
 
@@ -76,13 +79,21 @@ def _wandb(args: Args, stack: ExitStack) -> list[Any]:
 
 
 def _require_same(args: Args) -> None:
-    """Raise ValueError where the folder holds a training with other arguments; `total_steps` alone may differ."""
-    path, recipe = args.out / ARGUMENTS, args.arguments()
+    """Raise ValueError where the folder holds another training; `total_steps` alone may differ."""
+    path, wanted = args.out / ARGUMENTS, _identity(args)
     with reading(path):
-        held = dict(json.loads(path.read_text(encoding="utf-8"))) if path.exists() else recipe
-    for name, wanted in recipe.items():
-        if name != "total_steps" and held.get(name) != wanted:
+        held = dict(json.loads(path.read_text(encoding="utf-8"))) if path.exists() else wanted
+    for name, value in wanted.items():
+        if name != "total_steps" and held.get(name) != value:
             raise ValueError(
-                f"out: {args.out} holds a training with {name}={held.get(name)!r}, got {wanted!r}; "
+                f"out: {args.out} holds a training with {name}={held.get(name)!r:.80}, got {value!r:.80}; "
                 "allowed: the same arguments, or another folder"
             )
+
+
+def _identity(args: Args) -> dict[str, Any]:
+    """What makes a training, JSON-plain: its arguments, the fields of its scenarios, and `BEHAVIOUR`."""
+    fields = [fields_of(scenario_of(name)) for name in args.scenarios]
+    beside = {"validation_episodes": args.validation_episodes, "behaviour": BEHAVIOUR, "scenarios": fields}
+    plain: dict[str, Any] = json.loads(json.dumps(args.arguments() | beside))
+    return plain

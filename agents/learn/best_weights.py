@@ -1,9 +1,12 @@
 """The course of a training: a progress bar, checkpoints, and the best weights in validation episodes."""
 
+import csv
 import json
 import math
 import time
+from collections import Counter
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -20,7 +23,7 @@ from agents.learn.learner import dimensions, save_learner, weights_of
 from agents.learn.recipe import CHECKPOINT, CURVE, WEIGHTS, Args, Recipe, trained_scenario
 from agents.learn.weights import FLOOR, card_of, read_card, save
 from agents.summary import Summary, interquartile_mean, summarise, text
-from agents.tools.files import write_json
+from agents.tools.files import reading, write_json
 
 LAST_ENTROPY = 0.1  # the entropy bonus's last value, relative to its first
 REFERENCES = ("best-constant", "mi-constant", "mi-fisher")
@@ -48,7 +51,7 @@ class BestWeights(BaseCallback):
     def __init__(self, args: Args, learner: Any, batches: Mapping[str, VecEnv]) -> None:
         super().__init__()
         self.args, self.learner, self.batches = args, learner, batches
-        self.weights, self.visited = args.out / WEIGHTS, 0
+        self.weights, self.visited = args.out / WEIGHTS, _last_visit(args.out / CURVE, len(batches))
         self.bar: Any = None
         self.begun = time.monotonic() - getattr(learner, "seconds", 0.0)
         self.best: float = -math.inf
@@ -62,8 +65,7 @@ class BestWeights(BaseCallback):
         """End the bar, write the checkpoint, and the present weights where none were chosen."""
         if self.bar is not None:
             self.bar.close()
-        self.learner.seconds = self.seconds()  # goes into the checkpoint
-        save_learner(self.learner, self.args.out / CHECKPOINT)
+        self._save()
         if not self.weights.exists():
             self.keep(math.nan)
 
@@ -77,10 +79,14 @@ class BestWeights(BaseCallback):
         card = card_of(self.args.arguments(), self.learner.num_timesteps, self.seconds(), episodes)
         save(self.weights, weights_of(self.learner), card | {"held_out_return": held_out_return})
 
-    def add_results(self) -> None:
-        """Complete the card: the training's length and time, and results in held-out episodes; print those."""
+    def complete_card(self) -> None:
+        """Add to the card the training's length and time, and results in held-out episodes, if any; print those."""
         card, scenarios = read_card(self.weights), self.args.scenarios
-        card |= {"steps_trained": self.learner.num_timesteps, "seconds_trained": round(self.seconds(), 1)}
+        if card.get("steps_trained") != self.learner.num_timesteps:
+            card |= {"steps_trained": self.learner.num_timesteps, "seconds_trained": round(self.seconds(), 1)}
+            write_json(self.weights.with_suffix(".json"), card)
+        if not self.args.test_episodes:
+            return
         references = REFERENCES if len(scenarios) == 1 else ()
         beside = f", and of {', '.join(references)}" if references else ""
         found = {}
@@ -108,10 +114,15 @@ class BestWeights(BaseCallback):
 
     def _on_step(self) -> bool:
         if self.num_timesteps % self.args.period < self.training_env.num_envs:
-            save_learner(self.learner, self.args.out / CHECKPOINT)
+            self._save()
             self._visit()
         self.bar.update(self.training_env.num_envs)
         return True
+
+    def _save(self) -> None:
+        """Write the checkpoint, with the time of training."""
+        self.learner.seconds = self.seconds()
+        save_learner(self.learner, self.args.out / CHECKPOINT)
 
     def _on_training_end(self) -> None:
         if self.visited < self.num_timesteps:
@@ -119,7 +130,7 @@ class BestWeights(BaseCallback):
 
     def _visit(self) -> None:
         """Play the validation episodes, keep the weights if they are the best so far, and add rows to the curve."""
-        self.visited, means, failed = self.num_timesteps, {}, []
+        means, failed = {}, []
         for name, batch in self.batches.items():
             returns, infos = self._validation(name, batch)
             penalties = np.array([info["reward_terms"]["lost_penalty"] for info in infos])
@@ -139,6 +150,7 @@ class BestWeights(BaseCallback):
         each = ", ".join(f"{name} {mean:.0f}" for name, mean in means.items())
         message = f"mean return {found:.0f}{f' ({each})' if several else ''}, failures {100 * np.mean(failed):.0f} %"
         done = f"{self.num_timesteps:>9,} decisions, {self.seconds():,.0f} s"
+        self.visited = self.num_timesteps
         self.bar.write(f"{done}: validation: {message}{'; kept' if better else ''}")
 
     def _validation(self, scenario: str, batch: VecEnv) -> tuple[list[float], list[dict[str, Any]]]:
@@ -160,11 +172,21 @@ class BestWeights(BaseCallback):
         """
         path, entropy = self.args.out / CURVE, self.logger.name_to_value.get("train/entropy_loss", math.nan)
         new = not path.exists()
-        with path.open("a", encoding="utf-8") as file:
+        with path.open("a", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
             if new:
-                file.write("decisions,seconds,scenario,episodes,log_score,failures,policy_entropy\n")
+                writer.writerow("decisions seconds scenario episodes log_score failures policy_entropy".split())
             row = self.num_timesteps, round(self.seconds()), scenario, episodes, f"{log_score:.1f}", f"{failures:.4f}"
-            file.write(",".join(map(str, (*row, f"{-entropy:.3f}"))) + "\n")
+            writer.writerow((*row, f"{-entropy:.3f}"))
+
+
+def _last_visit(curve: Path, scenarios: int) -> int:
+    """The decisions before the last validation in all ``scenarios``, by its rows in a ``curve``; 0 before the first."""
+    if not curve.exists():
+        return 0
+    with reading(curve), curve.open(encoding="utf-8", newline="") as file:
+        rows = Counter(int(row["decisions"]) for row in csv.DictReader(file))
+    return max((decisions for decisions, count in rows.items() if count >= scenarios), default=0)
 
 
 def results(
@@ -175,7 +197,12 @@ def results(
     The episodes are of neither training, nor the choice of weights, nor a benchmark.
     """
     first = benchmark_seed(scenario, validation=True) + 250_000
-    settings = json.dumps({"scenario": asdict(trained_scenario(scenario)), "duration": recipe.duration})
+    given = {"scenario": asdict(trained_scenario(scenario)), "duration": recipe.duration}
+    with closing(task.make_environment(given)) as env:
+        own = recipe.decision_period / env.unwrapped.gaze_period
+    if own < 1.0 or abs(own - round(own)) > 1e-6:  # the policy cannot hold its decisions in whole steps
+        given["gaze_period"] = recipe.decision_period
+    settings = json.dumps(given)
     names, seeds = (str(weights), *references), range(first, first + episodes)
     tasks = [task.Task(name, seed, settings) for name in names for seed in seeds]
     summary = summarise([episode for _, episode in task.results(tasks, Store())])

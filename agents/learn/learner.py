@@ -138,7 +138,8 @@ def make_learner(
     PPO's rollout is `Recipe.rollout_steps` of every environment. Raises ValueError for weights of another network.
     """
     steps, entropy, several = recipe.rollout_steps, {"ent_coef": recipe.entropy_bonus}, len(recipe.scenarios) > 1
-    rollout: dict[str, Any] = {"n_steps": steps, "batch_size": minibatch(steps * env.num_envs), "gae_lambda": 0.95}
+    decisions = max(steps * env.num_envs, 2)  # PPO alone reads it, and `Recipe.check` refuses one
+    rollout: dict[str, Any] = {"n_steps": steps, "batch_size": minibatch(decisions), "gae_lambda": 0.95}
     if several:
         buffer = {"scenarios": len(recipe.scenarios)}
         rollout |= {"rollout_buffer_class": RolloutOfScenarios, "rollout_buffer_kwargs": buffer}

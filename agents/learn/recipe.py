@@ -42,8 +42,8 @@ class Recipe:
     scenario: str = "paper"
     """Scenario to train in: a name, 'package.module:name', a JSON file, several joined by +, or all."""
     warm_start: float = 0.8
-    """Probability at the start of the action that the scenario's best sequence holds longest (PPO and A2C in one
-    scenario; 0 prefers none)."""
+    """Probability at the start of the motion, and of the gaze, that the scenario's best sequence holds longest (PPO
+    and A2C in one scenario; 0 prefers none)."""
     initial: str = ""
     """Weights of several scenarios to start from, and their width: generalist, or a file policy.npz (PPO and A2C)."""
     total_steps: int = 100_000

@@ -7,6 +7,7 @@ import pickle
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from zipfile import ZipFile
 
@@ -88,6 +89,8 @@ def test_training_leaves_weights_card_and_checkpoint_and_goes_on(trained: Path) 
     assert PPO.load(trained / CHECKPOINT).num_timesteps == 80
     with pytest.raises(ValueError, match="holds a training with reward='entropy', got 'log_score'"):
         train(Args(out=trained, total_steps=80, reward="log_score", **SMALL))
+    with pytest.raises(ValueError, match="holds a training with validation_episodes=2, got 3"):
+        train(Args(out=trained, total_steps=80, **(SMALL | {"validation_episodes": 3})))
 
 
 def test_the_same_seed_trains_the_same_weights(tmp_path: Path) -> None:
@@ -141,8 +144,12 @@ def test_an_interrupted_training_leaves_weights_and_goes_on(tmp_path: Path, monk
         assert not train(Args(out=tmp_path, total_steps=80, **SMALL))
     assert {path.name for path in tmp_path.iterdir()} >= LEFT
     assert "interrupted" in json.loads((tmp_path / "policy.json").read_text())["chosen"]
+    with monkeypatch.context() as patched:
+        patched.setattr(BestWeights, "_validation", lambda *_: interrupt(SimpleNamespace(num_timesteps=80)))
+        assert not train(Args(out=tmp_path, total_steps=80, **SMALL))
     assert train(Args(out=tmp_path, total_steps=80, **SMALL))
-    assert "2 validation episodes" in json.loads((tmp_path / "policy.json").read_text())["chosen"]
+    card = json.loads((tmp_path / "policy.json").read_text())
+    assert "2 validation episodes" in card["chosen"] and card["seconds_trained"] > 1.0
 
 
 class Evil:

@@ -5,6 +5,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from activeslam_gym import Gaze, Motion
 
@@ -29,14 +30,17 @@ class Random(Policy):
         self._generators = [np.random.default_rng(one) for one in seeds]
         self._size = 1 if several else self.num_envs
 
-    def _draw(self, count: int) -> Actions:
-        return np.concatenate([one.integers(count, size=self._size) for one in self._generators])
+    def _draw(self, count: int, due: NDArray[np.bool_]) -> Actions:
+        """For all environments of one generator; of several, for those that are ``due`` (B,), 0 elsewhere."""
+        if len(self._generators) == 1:
+            return self._generators[0].integers(count, size=self._size)
+        return np.array([one.integers(count) if own else 0 for one, own in zip(self._generators, due)])
 
     def choose_motion(self) -> Actions:
-        return self._draw(len(Motion))
+        return self._draw(len(Motion), self.motion_starts())
 
     def choose_gaze(self) -> Actions:
-        return self._draw(len(Gaze))
+        return self._draw(len(Gaze), np.ones(self.num_envs, bool))
 
 
 class Planned(Policy):

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from activeslam_gym.files import written_whole
+from agents.learn.recipe import Recipe
 from agents.learn.weights import read
 from agents.tools.files import writable_file
 
@@ -29,5 +30,7 @@ def main(args: Args) -> int:
     with written_whole(args.out) as unfinished:
         learner_of(weights, card).save(unfinished)
     how = f"{str(card['algorithm']).upper()}.load({str(args.out)!r})"
-    print(f"Written to {args.out}: {how}, for environments with gaze_period={card['decision_period']}")
+    several = len(Recipe.of(card).scenarios) > 1 or card.get("initial")
+    common = ", in the common layout of agents.sb3.SeveralScenarios" if several else ""
+    print(f"Written to {args.out}: {how}, for environments with gaze_period={card['decision_period']}{common}")
     return 0

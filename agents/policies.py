@@ -60,7 +60,8 @@ def _saved_model(path: Path, env: Environment) -> Predictor:
     observed, here = data["observation_space"], getattr(env, "single_observation_space", env.observation_space)
     if observed != here:
         raise ValueError(f"it observes {observed}, the environment is of {here}; allowed: the same, or a factory")
-    policy = data["policy_class"](observed, data["action_space"], lambda _: 0.0, **data["policy_kwargs"])
+    own = data["policy_kwargs"] | ({"use_sde": True} if data.get("use_sde") else {})
+    policy = data["policy_class"](observed, data["action_space"], lambda _: 0.0, **own)
     policy.load_state_dict(parameters["policy"])
     policy.set_training_mode(False)
     return policy

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from activeslam_gym.config import benchmark_seed, fields_of
 from activeslam_gym.evaluation import Episode, Store
-from agents.learn.recipe import scenario_of
+from agents.learn.recipe import scenario_of, trained_scenario
 from agents.task import Task, check, results
 from agents.tools.arguments import SEEDS, Pages, Workers, command_line, within
 from agents.tools.files import writable_folder
@@ -74,8 +74,9 @@ class Study(Page, Workers):
         return {name: [found[task] for task in group] for name, group in groups.items()}
 
     def in_validation(self, scenario: str, policies: Sequence[str]) -> dict[str, list[Episode]]:
-        """Of each policy the first validation episodes of a scenario."""
-        first, settings = benchmark_seed(scenario, validation=True), settings_of(scenario)
+        """Of each policy the first validation episodes of a scenario, as it is trained in."""
+        settings = settings_of(scenario, sensor=trained_scenario(scenario).sensor)
+        first = benchmark_seed(scenario, validation=True)
         return self.played({policy: tasks(policy, settings, first, self.episodes) for policy in policies})
 
 

@@ -47,7 +47,8 @@ def rows_of(curves: Curves, policies: Mapping[str, Mapping[str, Aggregate]]) -> 
     """Rows of the table: seeds in the median, and their range."""
     rows = []
     for scenario, learners in curves.items():
-        best = max(one.value for name, one in policies[scenario].items() if name in baselines.names())
+        computed = (one.value for name, one in policies[scenario].items() if name in baselines.names())
+        best = max(computed, default=np.inf)
         for learner, seeds in learners.items():
             reached = [next((int(n) for n, score, _ in one if score >= best), None) for one in seeds]
             known = [one for one in reached if one is not None]

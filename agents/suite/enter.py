@@ -125,6 +125,8 @@ def _check_policies(args: Args, of: Suite) -> None:
     """Raise ValueError unless they are one policy, or several of a learner."""
     kinds = {"file" if policies.file_of(one) else "own" if ":" in one else "baseline" for one in args.policies}
     contents = [policies.content(one) for one in args.policies if policies.file_of(one)]
+    if folders := [one for one in args.policies if one.startswith("rllib:")]:
+        raise ValueError(f"policies: {folders[0]!r}; allowed: files, modules or names, which an entry can hold")
     if len(kinds) > 1 or (kinds == {"baseline"} and len(args.policies) > 1):
         raise ValueError(f"policies: {' '.join(args.policies)}; allowed: one, or those of one learner's training seeds")
     if len(set(args.policies)) < len(args.policies) or len(set(contents)) < len(contents):

@@ -249,7 +249,7 @@ def _training(entry: Entry, of: Suite) -> str:
     count, few = len(entry.policies), " (few)" if len(entry.policies) < of.training_seeds else ""
     if not entry.training:
         return "not stated" if any(":" in one or one.endswith(".zip") for one in entry.policies) else "none"
-    seconds = [float(one.get("seconds_trained", one.get("seconds", np.nan))) for one in entry.training]
+    seconds = [float(one.get("seconds_trained", np.nan)) for one in entry.training]
     decisions = max(int(one.get("total_steps", 0)) for one in entry.training)
     budget = f", {decisions:,} decisions" if decisions else ""
     time = "" if np.isnan(seconds).any() else f", {np.mean(seconds) / 60.0:.0f} min each"

@@ -85,6 +85,8 @@ def suite(name: str) -> Suite:
         made = Suite(name=path.stem, digest=digest(path), commit=drawn["commit"] if drawn else "", **fields)
         if (unknown := [one for one in made.scenarios if one not in SCENARIOS]) or not made.scenarios:
             raise ValueError(f"scenarios: {', '.join(unknown)}; allowed: {', '.join(SCENARIOS)}")
+        if len(set(made.scenarios)) < len(made.scenarios) or not isinstance(made.open_loops, tuple):
+            raise ValueError("scenarios: each once; open_loops: a list of policies")
         if not isinstance(made.episodes, int) or made.episodes < 1:
             raise ValueError(f"episodes: {made.episodes}; allowed: 1 or more")
     if drawn and drawn["manifest"] != made.digest:

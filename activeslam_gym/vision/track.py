@@ -110,8 +110,10 @@ def start(
     target: Target,
     scenario: Scenario,
     settings: FrontEndSettings | None = None,
+    time_s: float = 0.0,
 ) -> FrontEnd:
-    """A front end with the `scenario_of` a camera that stands before ``target`` and has seen the first ``image``.
+    """A front end with the `scenario_of` a camera that stands before ``target`` and has seen the first ``image``, of
+    ``time_s`` [s].
 
     Raises:
         ValueError: the image does not fit the calibration, or the target is not where it is said to be.
@@ -130,7 +132,7 @@ def start(
     front_end = FrontEnd(Filter(scenario, fiducials=fiducials, camera=mean, covariance=P), settings)
     camera = front_end.camera
     picture, pixels = drawn(reduced(image, calibration.scale), camera, target, pose, fiducials)
-    front_end.start(image, 0.0, -1 - np.arange(len(pixels)), pixels, picture, _BEHIND)
+    front_end.start(image, time_s, -1 - np.arange(len(pixels)), pixels, picture, _BEHIND)
     front_end.show(partial(as_first_seen, camera, target, pose, fiducials), _BEHIND, pose)
     return front_end
 
@@ -174,7 +176,7 @@ def follow(
         steps = steps_from_anywhere(source, calibration, front_end)
     else:
         first = next(source)
-        front_end = start(first[1], calibration, target, scenario, settings)
+        front_end = start(first[1], calibration, target, scenario, settings, first[0])
         later = ((frame, front_end.step(frame[1], frame[0])) for frame in source)
         steps = chain([(first, FIRST._replace(time=first[0]))], later)
     filter, trouble, rows = front_end.filter, None, list[tuple[float, np.ndarray, np.ndarray, FrameLog]]()

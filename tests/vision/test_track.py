@@ -190,6 +190,13 @@ def test_the_belief_is_what_its_judge_reads(tmp_path) -> None:
     assert judged["verdict"] == "consistent" and 2.1 < judged["nees_median"] < 2.65
 
 
+def test_times_may_begin_anywhere(sequence) -> None:
+    images = [image for _, image in images_of(sequence / "images").frames][:6]
+    target = read_target(sequence / "target.json")
+    from_0, later = (follow(zip(count(first, 1 / 32), images), LENS, target, 32.0) for first in (0.0, 2.0**30))
+    np.testing.assert_array_equal(later.cameras, from_0.cameras)
+
+
 IMAGES = [image_from(pose, samples=2) for pose in path(12)]
 
 

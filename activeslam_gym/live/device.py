@@ -27,7 +27,7 @@ from activeslam_gym.vision.target import read_target
 
 BROWSER = "browser"
 """The name of this source."""
-_ROUGHLY: tuple[Calibration, Straighten] = (Calibration(640, 480, 520.0, 319.5, 239.5, 0.0), lambda frame: frame)
+_ROUGHLY: tuple[Calibration, Straighten] = (Calibration(640, 480, 520.0, 319.5, 239.5, 0.0), Straighten())
 """A lens until the true one is known."""
 _LONGEST = 2**20
 """Most bytes of an image."""
@@ -65,7 +65,7 @@ class Device(RealCamera):
         if calibration is None:
             demand_writable(self._file.parent)
         lens, straighten = _ROUGHLY if calibration is None else lens_from(calibration, camera)
-        super().__init__(lens, straighten, BOARD if target is None else read_target(target), rate)
+        super().__init__(lens, straighten, BOARD if target is None else read_target(target, straighten.pixels), rate)
         self._warm_up()
 
     def _warm_up(self) -> None:

@@ -199,7 +199,8 @@ class RecordedImages(RealCamera):
     ) -> None:
         self.name, self.is_camera = images, images.startswith(CAMERA)
         """A live camera's images come at their own times, and at first may not show the target."""
-        super().__init__(*lens_from(calibration, camera), read_target(target), rate)
+        lens, straighten = lens_from(calibration, camera)
+        super().__init__(lens, straighten, read_target(target, straighten.pixels), rate)
         self._images = self._opened()
 
     def restart(self) -> None:

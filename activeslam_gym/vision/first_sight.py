@@ -100,7 +100,9 @@ def _side(image: np.ndarray, camera: Record, start: np.ndarray, end: np.ndarray)
         if shift is not None:
             rays.append(ray_from_pixel(camera, middle + shift * across))
     if len(rays) < 8:
-        raise ValueError(f"no edge of the target between the pixels {start.tolist()} and {end.tolist()}")
+        raise ValueError(
+            f"no edge of the target between the pixels {start.round(1).tolist()} and {end.round(1).tolist()}"
+        )
     return _line_through(np.array(rays))
 
 

@@ -11,7 +11,7 @@ import math
 import re
 import reprlib
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
@@ -53,7 +53,18 @@ _SHORTEST = 0.05  # focal length of a lens, of the image's longer side: at that,
 _LEAST = 400  # of them must be in the image
 _BENT = 0.9  # greatest K_d r^2 of the picture's corners, where 1 is a right angle from the axis
 _WORST = 0.02, 0.1  # a fit with a residual over this share of the image's width is refused; the same of a wide lens
-Straighten = Callable[[Frame], Frame]  # maps an image of a lens to that of equation 1, at the same time
+
+
+class Straighten:
+    """Maps images of a lens to those of equation 1; this one is of a lens that has equation 1."""
+
+    def __call__(self, frame: Frame) -> Frame:
+        """The ``frame`` through the lens of equation 1, at the same time."""
+        return frame
+
+    def pixels(self, pixels: np.ndarray) -> np.ndarray:
+        """(n, 2) the ``pixels`` (n, 2) of an image of the lens, in that of equation 1 [px]."""
+        return pixels
 
 
 class Lens(NamedTuple):
@@ -130,20 +141,34 @@ def projected_by(lens: Lens, rays: np.ndarray) -> np.ndarray:
     return bent @ lens.matrix[:2, :2].T + lens.matrix[:2, 2]  # OpenCV's own product leaves out the skew
 
 
+class _Remap(Straighten):
+    """The same of another ``lens``, with ``calibration``; black where there are none."""
+
+    def __init__(self, lens: Lens, calibration: Calibration) -> None:
+        rays = _rays(calibration)
+        pixels, last = projected_by(lens, rays), np.array(lens.size) - 1.0
+        inside = (np.abs(pixels - 0.5 * last) <= 0.5 * (last + 1.0)).all(-1) & (np.hypot(*rays.T).T <= _reach(lens))
+        pixels = np.where(inside[..., None], np.clip(pixels, 0.0, last), -9.0)  # no edge is mixed with the black
+        self._calibration, self._pixels = calibration, pixels.astype(np.float32)
+        self._tables = opencv().convertMaps(self._pixels, None, opencv().CV_16SC2)
+
+    def __call__(self, frame: Frame) -> Frame:
+        self._calibration.check_image(frame[1])
+        return frame[0], opencv().remap(frame[1], *self._tables, opencv().INTER_LINEAR)
+
+    def pixels(self, pixels: np.ndarray) -> np.ndarray:
+        """By the nearest pixel of the table: both images have nearly the same scale."""
+        out = np.empty(pixels.shape)
+        for k, pixel in enumerate(pixels):
+            nearest = ((self._pixels - pixel) ** 2).sum(axis=-1).argmin()
+            v, u = np.unravel_index(nearest, self._pixels.shape[:2])
+            out[k] = (u, v) + pixel - self._pixels[v, u]
+        return out
+
+
 def straightening(lens: Lens, calibration: Calibration) -> Straighten:
     """What maps images of the ``lens`` to those of equation 1 with ``calibration``; black where there are none."""
-    rays = _rays(calibration)
-    pixels, last = projected_by(lens, rays), np.array(lens.size) - 1.0
-    inside = (np.abs(pixels - 0.5 * last) <= 0.5 * (last + 1.0)).all(-1) & (np.hypot(*rays.T).T <= _reach(lens))
-    pixels = np.where(inside[..., None], np.clip(pixels, 0.0, last), -9.0)  # no edge is mixed with the black about it
-    cv2 = opencv()
-    tables = cv2.convertMaps(pixels.astype(np.float32), None, cv2.CV_16SC2)
-
-    def straighten(frame: Frame) -> Frame:
-        calibration.check_image(frame[1])
-        return frame[0], cv2.remap(frame[1], *tables, cv2.INTER_LINEAR)
-
-    return straighten
+    return _Remap(lens, calibration)
 
 
 def _rays(calibration: Calibration) -> np.ndarray:
@@ -169,7 +194,7 @@ def lens_from(path: str | Path, camera: str | None = None) -> tuple[Calibration,
         ModuleNotFoundError: it is another program's, and OpenCV is not installed.
     """
     if Path(path).suffix.lower() == ".json" and "focal_px" in (fields := read_object(path)):
-        return calibration_from(fields, str(path)), lambda frame: frame
+        return calibration_from(fields, str(path)), Straighten()
     lens = read_lens(path, camera)
     calibration, typical, greatest = fitted(lens, str(path))
     kind, reach = "fisheye" if lens.fisheye else "radial-tangential", _reach(lens)

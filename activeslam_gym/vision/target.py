@@ -100,15 +100,17 @@ def markers_of(name: str) -> Any:
     return aruco.getPredefinedDictionary(getattr(aruco, name))
 
 
-def read_target(path: str | Path) -> Target:
-    """The target in a JSON file: see docs/vision.md for the fields of each kind.
+def read_target(path: str | Path, pixels: Callable[[np.ndarray], np.ndarray] = lambda pixels: pixels) -> Target:
+    """The target in a JSON file: see docs/vision.md for the fields of each kind. ``pixels`` maps those of the user's
+    images (n, 2) to those of the calibration (n, 2): a rectangle's corners are given in the former.
 
     Raises:
         FileNotFoundError: there is no such file.
         ValueError: it is no JSON, or a field is missing or wrong; the message names it.
         ModuleNotFoundError: it is a board, and OpenCV is not installed.
     """
-    return target_from(read_object(path), str(path))
+    target = target_from(read_object(path), str(path))
+    return target._replace(corners_px=pixels(target.corners_px)) if isinstance(target, Rectangle) else target
 
 
 def target_from(fields: dict[str, Any], where: str = "the target") -> Target:

@@ -209,7 +209,7 @@ def track(args: Namespace) -> tuple[Track, str]:
     with argument("calibration"):
         lens, straighten = lens_from(args.calibration, args.camera)
     with argument("target"):
-        known = None if args.target is None else read_target(args.target)
+        known = None if args.target is None else read_target(args.target, straighten.pixels)
     with argument("images", SourceError):
         source = images_of(args.images, args.rate, args.times, lens[:2])
     with argument("out"):

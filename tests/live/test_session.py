@@ -13,12 +13,15 @@ cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 from activeslam_gym.camera import View, camera_of, change_of_view, visible
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.candidates import measurable_points
+from activeslam_gym.live import source as live_source
 from activeslam_gym.live.advice import CRITERION, best
 from activeslam_gym.live.session import Session
 from activeslam_gym.live.source import FOLLOW, NEVER, ROOM, STILL, Person, RecordedImages, RenderedRoom
 from activeslam_gym.live.state import Standing, State
 from activeslam_gym.motion import Motion, motion_of
 from activeslam_gym.vision.frontend import MATCHED
+from activeslam_gym.vision.other_lenses import lens_from
+from activeslam_gym.vision.target import read_target
 from tests.vision_scene import LENS, image_from, pose_at, target_fields
 
 CALM = replace(ROOM, acceleration_std=0.0, angular_acceleration_std=0.0)
@@ -156,6 +159,18 @@ def test_a_recorded_sequence_is_followed_and_advised_at_its_rate(tmp_path: Path)
     assert states[9].follows is None and states[9].truth is None
     session.restart()
     assert session.step().frame == 1
+
+
+def test_corners_of_a_target_are_mapped_with_the_first_image(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "cameras.txt").write_text("1 OPENCV 320 240 195 195 162.5 125.5 -0.28 0.07 0.01 0")
+    (tmp_path / "target.json").write_text(json.dumps(target_fields(pose_at((0.05, 0.03, 0.69)))))
+    assert cv2.imwrite(str(tmp_path / "0.png"), np.zeros((240, 320), np.uint8))
+    monkeypatch.setattr(live_source, "start", lambda image, calibration, target, *_: target)
+    source = RecordedImages(str(tmp_path), tmp_path / "cameras.txt", tmp_path / "target.json", 5.0)
+    given = read_target(tmp_path / "target.json").corners_px
+    mapped = lens_from(tmp_path / "cameras.txt")[1].pixels(given)
+    assert 0.5 < np.abs(mapped - given).max() < 10.0
+    np.testing.assert_array_equal(source.start(source.next()[1]).corners_px, mapped)
 
 
 def test_a_recording_that_was_cut_off_has_its_images_states_trajectory_and_log(tmp_path: Path) -> None:

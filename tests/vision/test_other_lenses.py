@@ -50,6 +50,7 @@ def test_images_are_mapped_to_equation_1_to_a_tenth_of_a_pixel(fisheye: bool) ->
     for x, y in np.random.default_rng(0).uniform((-0.45, -0.35), (0.45, 0.35), (30, 2)):
         ours, theirs = np.empty(2), projected_by(lens, np.array((x, y)))
         assert pixel_from_camera_point(camera, (-x, -y, 1.0), ours)
+        np.testing.assert_allclose(straighten.pixels(theirs[None])[0], ours, atol=0.1)
         v, u = np.mgrid[:480, :640]
         spot = 200.0 * np.exp(-0.5 * ((u - theirs[0]) ** 2 + (v - theirs[1]) ** 2) / 3.0**2)
         _, image = straighten((0.0, np.rint(spot).astype(np.uint8)))

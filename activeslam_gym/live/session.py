@@ -120,7 +120,7 @@ class Session:
             if self._recording is None:
                 room = None if source.person is None else source.scenario.room_size
                 self._recording = Recording(self._folder, 1.0 / source.scenario.frame_time, self._film, room)
-            self._recording.add(state, self.log)
+            self._recording.add(state, self.log, source.original)
         return state
 
     def _stepped(self) -> State:
@@ -228,8 +228,8 @@ class Recording:
         to = self.folder / "film.mp4"
         self._film = self._at_close.enter_context(film_to(to, rate, room)) if film else None
 
-    def add(self, state: State, log: FrameLog | None) -> None:
-        """Write a state, its image, and the ``log`` of the image where there is one.
+    def add(self, state: State, log: FrameLog | None, original: np.ndarray | None = None) -> None:
+        """Write a state, its image, or the ``original`` (h, w) that was mapped to it, and the ``log``, if any.
 
         Raises:
             OSError: the disk is full, or gone.
@@ -237,7 +237,8 @@ class Recording:
         if state.standing == Standing.OVER:
             return
         path = self.folder / "images" / f"{self._count:06d}.png"
-        if not self._cv2.imwrite(str(path), state.image, [self._cv2.IMWRITE_PNG_COMPRESSION, _FAST]):
+        image = state.image if original is None else original
+        if not self._cv2.imwrite(str(path), image, [self._cv2.IMWRITE_PNG_COMPRESSION, _FAST]):
             raise OSError(f"{path} cannot be written")
         self._states.write(json.dumps(plain(state)) + "\n")
         if state.standing != Standing.WAITING:

@@ -126,7 +126,7 @@ class GuidanceError(ValueError):
 class RenderedRoom:
     """The room of ``seed``, and a simulated `Person` with a ``habit``."""
 
-    scenario, is_camera = ROOM, False
+    scenario, is_camera, original = ROOM, False, None
 
     def __init__(self, seed: int, habit: str = FOLLOW) -> None:
         self.name, self._seed = f"rendered room {seed}", seed
@@ -171,6 +171,8 @@ class RealCamera:
         if not 0.0 < rate < math.inf:
             raise ValueError(f"rate must be a positive number of images a second, got {rate!r}")
         self._straighten, self._target, self._rate = straighten, target, rate
+        self.original: np.ndarray | None = None
+        """(h, w) uint8 the last image, before it was mapped."""
         slow = {"controller_frequency": min(5.8, 0.5 * rate), "rate_loop_time": max(0.1, 1.0 / rate)}
         self._fields: dict[str, Any] = {"room_size": _DESK, **slow}  # the slow ones are unused, but checked
         self._see_through(calibration)
@@ -182,7 +184,7 @@ class RealCamera:
 
     def _mapped(self, frame: Frame) -> Frame:
         """The frame as the calibration's lens sees it. Raises ValueError: it is of another size."""
-        frame = self._straighten(frame)
+        self.original, frame = frame[1], self._straighten(frame)
         self._calibration.check_image(frame[1])
         return frame
 

@@ -22,8 +22,10 @@ from activeslam_gym.motion import Motion, motion_of
 from activeslam_gym.vision.frontend import MATCHED
 from activeslam_gym.vision.other_lenses import lens_from
 from activeslam_gym.vision.target import read_target
-from tests.vision_scene import LENS, image_from, pose_at, target_fields
+from tests.vision_scene import image_from, pose_at, target_fields
 
+NEAR_LENS = "1 OPENCV_FISHEYE 320 240 195 197 162.5 125.5 -0.0089 -0.0329 -0.0052 0.0019"
+"""A fisheye that is nearly `LENS`, in COLMAP's form: its images are mapped by up to a pixel."""
 CALM = replace(ROOM, acceleration_std=0.0, angular_acceleration_std=0.0)
 
 
@@ -147,12 +149,16 @@ def test_it_waits_for_the_target_and_tells_when_no_image_is_left() -> None:
 
 def test_a_recorded_sequence_is_followed_and_advised_at_its_rate(tmp_path: Path) -> None:
     places = [pose_at((0.05 + 0.004 * k, 0.03, 0.69)) for k in range(10)]
-    (tmp_path / "lens.json").write_text(json.dumps(LENS._asdict()))
+    (tmp_path / "cameras.txt").write_text(NEAR_LENS)
     (tmp_path / "target.json").write_text(json.dumps(target_fields(places[0])))
     for k, place in enumerate(places):
         assert cv2.imwrite(str(tmp_path / f"{k:02d}.png"), image_from(place, target=True))
-    session = Session(RecordedImages(str(tmp_path), tmp_path / "lens.json", tmp_path / "target.json", 5.0))
+    source = RecordedImages(str(tmp_path), tmp_path / "cameras.txt", tmp_path / "target.json", 5.0)
+    session = Session(source, 0, tmp_path / "run")
     states = [session.step() for _ in range(11)]
+    for kept, taken, state in zip(sorted((tmp_path / "run/images").iterdir()), places, states):
+        np.testing.assert_array_equal(cv2.imread(str(kept), 0), image_from(taken, target=True))
+        assert (state.image != image_from(taken, target=True)).any()  # it is mapped to equation 1
     assert [state.standing for state in states] == [Standing.TRACKING] * 10 + [Standing.OVER]
     assert np.linalg.norm(states[9].camera[:3] - places[9][:3]) < 0.02
     assert states[9].advised.sum() == 1 and np.isfinite(states[9].scores).all()  # five images a second

@@ -229,23 +229,23 @@ class Recording:
         self._film = self._at_close.enter_context(film_to(to, rate, room)) if film else None
 
     def add(self, state: State, log: FrameLog | None, original: np.ndarray | None = None) -> None:
-        """Write a state, its image, or the ``original`` (h, w) that was mapped to it, and the ``log``, if any.
+        """Write a state, its image, or the ``original`` (h, w) that was mapped to it, and the ``log``, if any. Images
+        that only waited for the target, or were refused, are left out, so that a replay starts as the run did.
 
         Raises:
             OSError: the disk is full, or gone.
         """
-        if state.standing == Standing.OVER:
+        if state.standing in (Standing.WAITING, Standing.OVER):
             return
         path = self.folder / "images" / f"{self._count:06d}.png"
         image = state.image if original is None else original
         if not self._cv2.imwrite(str(path), image, [self._cv2.IMWRITE_PNG_COMPRESSION, _FAST]):
             raise OSError(f"{path} cannot be written")
         self._states.write(json.dumps(plain(state)) + "\n")
-        if state.standing != Standing.WAITING:
-            self._track.add(state.time, state.camera, log)
-            self._last = state
-            if self._film is not None:
-                self._film(state)
+        self._track.add(state.time, state.camera, log)
+        self._last = state
+        if self._film is not None:
+            self._film(state)
         self._count += 1
 
     def save(self) -> None:

@@ -16,7 +16,7 @@ from activeslam_gym.information.candidates import measurable_points
 from activeslam_gym.live import source as live_source
 from activeslam_gym.live.advice import CRITERION, best
 from activeslam_gym.live.session import Session
-from activeslam_gym.live.source import FOLLOW, NEVER, ROOM, STILL, Person, RecordedImages, RenderedRoom
+from activeslam_gym.live.source import FOLLOW, NEVER, ROOM, STILL, GuidanceError, Person, RecordedImages, RenderedRoom
 from activeslam_gym.live.state import Standing, State
 from activeslam_gym.motion import Motion, motion_of
 from activeslam_gym.vision.frontend import MATCHED
@@ -126,7 +126,7 @@ def test_a_camera_in_the_dark_is_lost() -> None:
 
 
 class Late(RenderedRoom):
-    """The target is not there before the fifth image; then there are ten more."""
+    """The target is not there before the fifth image; then there are ten more, of which one is refused."""
 
     is_camera = True
 
@@ -136,15 +136,20 @@ class Late(RenderedRoom):
         return super().start(image)
 
     def next(self) -> Any:
+        if self._frame == 9:
+            self._frame = 10
+            raise GuidanceError("Turn the device.")
         return super().next() if self._frame < 15 else None
 
 
-def test_it_waits_for_the_target_and_tells_when_no_image_is_left() -> None:
-    session = Session(Late(1))
+def test_it_waits_for_the_target_and_tells_when_no_image_is_left(tmp_path: Path) -> None:
+    session = Session(Late(1), 0, tmp_path)
     states = [session.step() for _ in range(18)]
-    expected = [Standing.WAITING] * 5 + [Standing.TRACKING] * 11 + [Standing.OVER] * 2
+    expected = [Standing.WAITING] * 5 + [Standing.TRACKING] * 5 + [Standing.WAITING]
+    expected += [Standing.TRACKING] * 5 + [Standing.OVER] * 2
     assert [state.standing for state in states] == expected
     assert "no target" in states[0].words and states[5].time == 0.0 and states[5].frame == 1
+    assert len(list((tmp_path / "images").iterdir())) == expected.count(Standing.TRACKING)
 
 
 def test_a_recorded_sequence_is_followed_and_advised_at_its_rate(tmp_path: Path) -> None:

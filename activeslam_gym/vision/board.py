@@ -206,7 +206,7 @@ def calibrate(images: str | Path, kind: str, columns: int, rows: int, out: str |
         if Path(out).is_dir():
             raise ValueError(f"{out} is a folder; allowed: a file")
     with argument("images", SourceError):
-        source = images_of(images)
+        source = images_of(images, timed=False)
         every = 1 + max((source.total or 0) - 1, 0) // _ENOUGH
         for number, (_, image) in islice(enumerate(source.frames), 0, None, every):
             shape = image.shape

@@ -63,13 +63,15 @@ class _Stored(NamedTuple):
 
 
 def images_of(
-    path: str | Path, rate: float | None = None, times: str | Path | None = None, size: tuple[int, int] | None = None
-) -> Images:
+    path: str | Path, rate: float | None = None, times: str | Path | None = None, size: tuple[int, int] | None = None,
+    timed: bool = True,
+) -> Images:  # fmt: skip
     """The images of the source ``path``: a folder, a pattern (``shots/*.png``), a list (TUM's rgb.txt, EuRoC's
     data.csv), a video, or the live camera ``camera:0``, in grey.
 
     Their times are those in the file ``times`` or the list, or ``rate`` [Hz] a second, or the video's own or those in
-    the pictures' names, or `USUAL_RATE` a second. The lens is of ``size`` (width, height) [px].
+    the pictures' names, or `USUAL_RATE` a second. Where they need not be ``timed``, no times are read.
+    The lens is of ``size`` (width, height) [px].
 
     Raises:
         SourceError: there is nothing there (said at once), or an image is unreadable or of another size than the
@@ -85,14 +87,14 @@ def images_of(
         return Images(_begun(_live(str(path))), rate or USUAL_RATE, None)
     file, kind, own = Path(path), Path(path).suffix.lower(), None
     rows = read_times(times or path) if times or kind in LISTS else []
-    stamps = [stamp for stamp, _ in rows]
+    stamps = [stamp for stamp, _ in rows] if timed else []
     if file.is_file() and kind not in LISTS + PICTURES:
         stored, own, count = _video(file)
     else:
         files = _picture_files(path, rows)
         if times is not None:
             files, stamps = _at_times(files, rows, times)
-        elif not rows:
+        elif timed and not rows and rate is None:
             stamps = _times_in([file.stem for file in files])
         stored, count = _pictures(files), len(files)
     if len(stamps) > 1:
@@ -105,10 +107,11 @@ def images_of(
             raise ValueError(f"{times or path}: times must be in s, or in ns since 1970; {said}")
     if rate and own and abs(rate / own - 1.0) > 0.02:
         print(f"{path} has {own:.2f} images a second by its times, and --rate is {rate:g}", file=sys.stderr)
-    elif stamps and not rows and not rate:
+    elif stamps and not rows:
         print(f"{path}: {own or 0.0:.2f} images a second, by the times in their names", file=sys.stderr)
-    usual, stamps = rate or own or USUAL_RATE, [] if rate and not rows else stamps
-    clock = None if own and not stamps and not rate else iter(stamps or (k / usual for k in itertools.count()))
+    usual = rate or own or USUAL_RATE
+    numbered = (k / usual for k in itertools.count())
+    clock = None if timed and own and not stamps and not rate else iter(stamps or numbered)
     return Images(_begun(_timed(stored, clock, size)), usual, count, stamps[0] if stamps else 0.0)
 
 

@@ -103,7 +103,12 @@ def test_times_in_names_are_used_unless_a_rate_is_given(tmp_path, capsys) -> Non
         assert images_of(tmp_path / name).rate == pytest.approx(20.0, rel=1e-4)
         assert "20.00 images a second, by the times in their names" in capsys.readouterr().err
         assert [time for time, _ in images_of(tmp_path / name, 10.0).frames] == [0.0, 0.1, 0.2, 0.3]
-        assert "20.00 images a second by its times, and --rate is 10" in capsys.readouterr().err
+        assert capsys.readouterr().err == ""
+    rare = pictures(tmp_path / "rare", [f"{1305031102 + 10 * k}.png" for k in range(4)])[0].parent
+    for found in (images_of(rare, 10.0), images_of(rare, timed=False)):
+        assert seen(found.frames) == [0, 1, 2, 3]
+    with pytest.raises(ValueError, match="0.1 images a second"):
+        images_of(rare)
 
 
 def test_a_tag_turns_only_what_the_lens_needs_turned(tmp_path, capsys) -> None:
@@ -180,7 +185,10 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (home / name).mkdir()
         for k, picture in enumerate(pictures):
             assert cv2.imwrite(str(home / name / f"{k}.png"), picture)
-    (home / "hollow").mkdir()
+    for folder in ("hollow", "rare"):
+        (home / folder).mkdir()
+    for seconds in (0, 10):
+        (home / "rare" / f"{1305031102 + seconds}.png").symlink_to(home / "good" / "0.png")
     changes = {"lens": {}, "nan": {"focal_px": float("nan")}, "other": {"image_width": 640, "distortion": 0.0}}
     texts = {f"{name}.json": json.dumps(LENS._asdict() | change) for name, change in changes.items()}
     texts |= {"hollow/0.png": "", "words.json": "focal 195", "board.json": json.dumps(BOARD)}
@@ -213,6 +221,7 @@ TABLE = [
     ("track", {"rate": "0"}, "rate must be a positive number"),
     ("track", {"out": "lens.json"}, "'lens.json' is no folder to write to"),
     ("calibrate", {}, "was found in 0 pictures"),
+    ("calibrate", {"images": "rare"}, "was found in 0 pictures"),
 ]
 """(command, options that are wrong, what is said)."""
 

@@ -120,7 +120,10 @@ class Session:
             if self._recording is None:
                 room = None if source.person is None else source.scenario.room_size
                 self._recording = Recording(self._folder, 1.0 / source.scenario.frame_time, self._film, room)
-            self._recording.add(state, self.log, source.original)
+            log = self.log
+            if log is None and self.front_end is not None:
+                log = self.front_end.first_log(state.milliseconds)
+            self._recording.add(state, log, source.original)
         return state
 
     def _stepped(self) -> State:

@@ -47,10 +47,6 @@ class FrameLog(NamedTuple):
     start_certain: bool = True  # whether the first motion is certain, as it is with a target
 
 
-FIRST = FrameLog(0.0, 0, 0, 0, 0, 0, 0, 0, True, False, False, False, 0.0)
-"""Of an image in which nothing was searched."""
-
-
 class Searched(NamedTuple):
     """Where m templates were searched in the last image, and with which outcome."""
 
@@ -115,6 +111,12 @@ class FrontEnd:
         for id, pixel in zip(ids.tolist(), pixels):
             self._template_map.add(id, self._grey if drawn is None else drawn, pixel, self.filter.mean, normal, 0)
         self._initialise_features(pixels, 4 * self.settings.initialised)
+
+    def first_log(self, milliseconds: float) -> FrameLog:
+        """The log of the first image, in which nothing is searched, and which took so many ``milliseconds``."""
+        features, metric = self._template_map.features, len(self.filter.fiducials) > 0
+        counts = features, 0, 0, 0, 0, features, 0
+        return FrameLog(self._time, *counts, True, False, False, metric, milliseconds)
 
     def show(self, target: Drawn, normal: np.ndarray, shown_from: np.ndarray | None = None) -> None:
         """The fiducials look as ``target`` draws them, on a plane with ``normal`` (3,) (world, away from the camera);

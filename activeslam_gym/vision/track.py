@@ -16,6 +16,7 @@ from functools import partial
 from itertools import chain
 from pathlib import Path
 from threading import current_thread, main_thread
+from time import thread_time
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -29,7 +30,7 @@ from activeslam_gym.vision.bundle import UNIT
 from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.film import film_to, moment_of
 from activeslam_gym.vision.first_sight import demand_agreement, fiducials_among, seen_corners, start_pose
-from activeslam_gym.vision.frontend import FIRST, FrameLog, FrontEnd, FrontEndSettings
+from activeslam_gym.vision.frontend import FrameLog, FrontEnd, FrontEndSettings
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.other_lenses import lens_from
 from activeslam_gym.vision.report import FREE, TURNED, Diagnosis, TrackFiles, blemish
@@ -158,13 +159,13 @@ def follow(
     target: Target | None,
     rate: float,
     settings: FrontEndSettings | None = None,
-    watch: Callable[[FrontEnd, Frame, FrameLog | None], None] = lambda front_end, frame, log: None,
+    watch: Callable[[FrontEnd, Frame, FrameLog], None] = lambda front_end, frame, log: None,
     features: int = FEATURES,
 ) -> Track:
     """Track ``images``; trouble with an image, or Ctrl-C, ends the track, and the part before it is kept.
 
     Without a ``target`` the scale is free, see the module, and the images until the start is certain are reported late
-    (`vision.start`). ``watch`` is called after each image; the first has no log. ``features``: of the map, at most.
+    (`vision.start`). ``watch`` is called after each image. ``features``: of the map, at most.
 
     Raises:
         SourceError, ValueError: the first image is missing, of the wrong size or without the target; or ``features``.
@@ -175,15 +176,15 @@ def follow(
         front_end = FrontEnd(Filter(scenario, camera=home), settings)
         steps = steps_from_anywhere(source, calibration, front_end)
     else:
-        first = next(source)
+        first, began = next(source), thread_time()
         front_end = start(first[1], calibration, target, scenario, settings, first[0])
         later = ((frame, front_end.step(frame[1], frame[0])) for frame in source)
-        steps = chain([(first, FIRST._replace(time=first[0]))], later)
+        steps = chain([(first, front_end.first_log(1e3 * (thread_time() - began)))], later)
     filter, trouble, rows = front_end.filter, None, list[tuple[float, np.ndarray, np.ndarray, FrameLog]]()
     try:
         for frame, log in steps:
             rows.append((frame[0], filter.mean, filter.camera_covariance[:6, :6], log))
-            watch(front_end, frame, log if len(rows) > 1 else None)
+            watch(front_end, frame, log)
     except (ValueError, KeyboardInterrupt) as error:
         if not rows:
             raise
@@ -217,18 +218,18 @@ def track(args: Namespace) -> tuple[Track, str]:
         folder.mkdir(parents=True, exist_ok=True)
     files, film, tracked = None, None, 0
 
-    def keep(front_end: FrontEnd, frame: Frame, log: FrameLog | None) -> None:
+    def keep(front_end: FrontEnd, frame: Frame, log: FrameLog) -> None:
         nonlocal files, film, tracked
         if files is None:  # the first image shows the target
             film = at_close.enter_context(film_to(folder / "film.mp4", source.rate)) if args.film else None
             opened = TrackFiles(folder, known is not None, args.keep_lost, args.belief is not None)
             files = at_close.enter_context(closing(opened))
-        filter, dated = front_end.filter, log and log._replace(time=source.origin + log.time)
+        filter, dated = front_end.filter, log._replace(time=source.origin + log.time)
         files.add(source.origin + frame[0], filter.mean, dated, filter.camera_covariance[:6, :6])
-        if log is not None and log.lost:
+        if log.lost:
             diagnosis.add(frame[1], log, filter.estimate().mapped, tracked)
-        tracked += log is None or not log.lost
-        if film is not None and log is not None:
+        tracked += not log.lost
+        if film is not None:
             film(moment_of(front_end, frame[1]))
 
     with ExitStack() as at_close:

@@ -191,7 +191,7 @@ def test_a_recording_that_was_cut_off_has_its_images_states_trajectory_and_log(t
     show._recording = None  # as when the process is killed: what is on disk must be enough
     poses = np.loadtxt(folder / "trajectory.tum")
     np.testing.assert_allclose(poses[:, 1:4], [state.camera[:3] for state in states], atol=1e-6)
-    assert len((folder / "frames.csv").read_text().splitlines()) == 20  # a header, and all images but the first
+    assert len((folder / "frames.csv").read_text().splitlines()) == 21
     assert len(list((folder / "images").iterdir())) == 20
     for line, state in zip((folder / "states.jsonl").read_text().splitlines(), states, strict=True):
         kept = json.loads(line)

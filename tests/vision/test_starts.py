@@ -258,9 +258,19 @@ def test_a_camera_at_rest_ends_uncertain_in_every_output(tmp_path, capsys) -> No
     printed = capsys.readouterr()
     assert AT_REST in printed.out and UNCERTAIN in printed.err
     header, *rows = (line.split(",") for line in (tmp_path / "frames.csv").read_text().splitlines())
-    assert [row[header.index("start_certain")] for row in rows] == ["0"] * 3
+    assert [row[header.index("start_certain")] for row in rows] == ["0"] * 4
     poses = np.loadtxt(tmp_path / "trajectory.tum")
     assert poses.shape == (4, 8) and np.abs(poses[:, 1:4]).max() == 0.0
+
+
+def test_a_first_image_that_is_lost_has_no_pose_and_its_reason_is_said(tmp_path, capsys) -> None:
+    (tmp_path / "lens.json").write_text(json.dumps(LENS._asdict()))
+    cv2.imwrite(str(tmp_path / "0.png"), np.full((240, 320), 10, np.uint8))
+    given = [f"--images={tmp_path / '0.png'}", f"--calibration={tmp_path / 'lens.json'}", f"--out={tmp_path / 'out'}"]
+    assert main(["track", *given]) == 3
+    assert "lost: 0 of 1 images were tracked; a lost image is dark" in capsys.readouterr().err
+    poses, frames = ((tmp_path / "out" / name).read_text() for name in ("trajectory.tum", "frames.csv"))
+    assert poses.count("\n") == 1 and frames.count("\n") == 2
 
 
 @pytest.fixture

@@ -86,7 +86,7 @@ def test_a_rendered_plane_is_tracked_to_millimetres(sequence, tmp_path) -> None:
     written = np.loadtxt(tmp_path / "out" / "trajectory.tum")
     np.testing.assert_allclose(written[:, 1:4], done.cameras[:, :3], atol=1e-6)
     assert np.abs(written[0, 4]) > 0.99  # x right, y down, z forward before the target: half a turn about X
-    assert len((tmp_path / "out" / "frames.csv").read_text().splitlines()) == 25
+    assert len((tmp_path / "out" / "frames.csv").read_text().splitlines()) == 26
     assert len((tmp_path / "out" / "map.csv").read_text().splitlines()) > 12
 
 
@@ -103,7 +103,7 @@ def test_a_track_that_is_mostly_lost_says_so_and_withholds_poses(sequence, tmp_p
     assert "lost in 8 images, first at 0.20 s" in said.out
     assert "track: lost: 6 of 14 images were tracked; a lost image is dark" in said.err.splitlines()[-1]
     header, *rows = (line.split(",") for line in (tmp_path / "frames.csv").read_text().splitlines())
-    assert [row[header.index("lost")] for row in rows] == ["0"] * 5 + ["1"] * 8
+    assert [row[header.index("lost")] for row in rows] == ["0"] * 6 + ["1"] * 8
     assert len(np.loadtxt(tmp_path / "trajectory.tum")) == 6
     done, _ = track(parser().parse_args(command(sequence, tmp_path, darkening, "--keep-lost")))
     assert len(np.loadtxt(tmp_path / "trajectory.tum")) == 14 and done.lost.tolist() == [False] * 6 + [True] * 8

@@ -51,7 +51,8 @@ class TrackFiles:
 
     def __init__(self, folder: Path, metric: bool, keep_lost: bool = False, belief: bool = False) -> None:
         self._map, self._keep_lost = folder / "map.csv", keep_lost
-        self._map.unlink(missing_ok=True)  # of a track before
+        for name in ("map.csv", "film.mp4", "belief.square"):
+            (folder / name).unlink(missing_ok=True)  # of a track before
         self._poses, self._frames = Lines(folder / "trajectory.tum"), Lines(folder / "frames.csv")
         self._rows = csv.writer(self._frames)
         self._rows.writerow(FrameLog._fields)

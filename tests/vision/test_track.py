@@ -77,6 +77,8 @@ def command(sequence: Path, out: Path, images: Path | None = None, *more: str) -
 
 
 def test_a_rendered_plane_is_tracked_to_millimetres(sequence, tmp_path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "film.mp4").write_text("of a track before")
     done, _ = track(parser().parse_args(command(sequence, tmp_path / "out")))
     assert done.trouble is None and len(done.times) == 25
     error = np.linalg.norm(done.cameras[5:, :3] - np.array(path(25))[5:, :3], axis=1)
@@ -88,6 +90,7 @@ def test_a_rendered_plane_is_tracked_to_millimetres(sequence, tmp_path) -> None:
     assert np.abs(written[0, 4]) > 0.99  # x right, y down, z forward before the target: half a turn about X
     assert len((tmp_path / "out" / "frames.csv").read_text().splitlines()) == 26
     assert len((tmp_path / "out" / "map.csv").read_text().splitlines()) > 12
+    assert not (tmp_path / "out" / "film.mp4").exists()
 
 
 def test_a_track_that_is_mostly_lost_says_so_and_withholds_poses(sequence, tmp_path, capsys) -> None:

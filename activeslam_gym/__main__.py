@@ -76,7 +76,9 @@ def _add_track(commands: Any) -> None:
     one.add_argument(
         "--target", help="JSON file of the target in the first image (default: none, and the scale is free)"
     )
-    one.add_argument("--rate", type=float, help="images a second (default: by their own times, else 30)")
+    one.add_argument(
+        "--rate", type=float, help="images a second, where no list has times (default: by their own, else 30)"
+    )
     one.add_argument(
         "--times", metavar="FILE", help="times of the images: TUM's rgb.txt, EuRoC's data.csv, or a time a line"
     )

@@ -97,3 +97,15 @@ def demand_writable(folder: Path) -> None:
             pass
     except OSError as error:
         raise OSError(f"{str(folder)!r} is no folder to write to ({error.strerror})") from error
+
+
+def demand_writable_file(path: Path) -> None:
+    """Demand that a file can be written to ``path``; nothing is written.
+
+    Raises:
+        OSError: its folder cannot be written to.
+        ValueError: it is a folder.
+    """
+    demand_writable(path.parent)
+    if path.is_dir():
+        raise ValueError(f"{path} is a folder; allowed: a file")

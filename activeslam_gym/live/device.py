@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from activeslam_gym.files import demand_writable, written_whole
+from activeslam_gym.files import argument, demand_writable_file, written_whole
 from activeslam_gym.live.advice import Adviser
 from activeslam_gym.live.source import GuidanceError, RealCamera
 from activeslam_gym.slam.filter import Filter
@@ -63,7 +63,8 @@ class Device(RealCamera):
         self._board_calibration = BoardCalibration() if calibration is None else None
         self._file = Path(unknown or "lens.json")
         if calibration is None:
-            demand_writable(self._file.parent)
+            with argument("calibrate"):
+                demand_writable_file(self._file)
         lens, straighten = _ROUGHLY if calibration is None else lens_from(calibration, camera)
         super().__init__(lens, straighten, BOARD if target is None else read_target(target, straighten.pixels), rate)
         self._warm_up()

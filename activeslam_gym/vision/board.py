@@ -23,7 +23,7 @@ from scipy.sparse import block_diag, hstack
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from activeslam_gym.files import argument, demand_writable, written_whole
+from activeslam_gym.files import argument, demand_writable_file, written_whole
 from activeslam_gym.vision.calibration import Calibration, calibration_from
 from activeslam_gym.vision.first_sight import LEAST_CORNERS, corners_in, refined
 from activeslam_gym.vision.opencv import opencv
@@ -202,9 +202,7 @@ def calibrate(images: str | Path, kind: str, columns: int, rows: int, out: str |
         raise ValueError(f"a charuco board must have at most {_MARKERS} markers, got {columns} x {rows} squares")
     views, numbers, shape = list[View](), list[int](), (0, 0)
     with argument("out"):
-        demand_writable(Path(out).parent)
-        if Path(out).is_dir():
-            raise ValueError(f"{out} is a folder; allowed: a file")
+        demand_writable_file(Path(out))
     with argument("images", SourceError):
         source = images_of(images, timed=False)
         every = 1 + max((source.total or 0) - 1, 0) // _ENOUGH

@@ -223,6 +223,8 @@ def test_one_who_follows_the_guidance_calibrates_and_the_lens_is_used_at_once(
     monkeypatch.setattr(vision_scene, "LENS", LARGE)
     monkeypatch.setattr(Device, "_warm_up", lambda self: None)
     monkeypatch.setattr(live_source, "start", lambda image, calibration, target, *_, **__: (calibration, target))
+    with pytest.raises(ValueError, match="--calibrate: .* is a folder"):
+        Device(None, None, 5.0, tmp_path)
     source, rng, heard, started = (
         Device(None, None, 5.0, tmp_path / "lens.json"),
         np.random.default_rng(2**32),

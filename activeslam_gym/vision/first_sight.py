@@ -212,7 +212,8 @@ def start_pose(
         if pose[2] > 0.0:
             fits.append((fit.cost, pose, corner_std**2 * np.linalg.inv(fit.jac.T @ fit.jac)))
     if not fits:
-        why = "are its tags counted from the bottom, as in Kalibr's AprilGrid?"
+        tags = "are its tags counted from the bottom, as in Kalibr's AprilGrid?"
+        why = "check the order of its corners_px" if len(points) < LEAST_CORNERS else tags  # a rectangle has four
         raise ValueError(f"no pose before the target explains its corners in the first image: {why}")
     return min(fits, key=lambda fit: fit[0])[1:]
 

@@ -193,7 +193,10 @@ def lens_from(path: str | Path, camera: str | None = None) -> tuple[Calibration,
         ValueError: it is damaged, or no lens has its numbers, or it holds no such ``camera``.
         ModuleNotFoundError: it is another program's, and OpenCV is not installed.
     """
-    if Path(path).suffix.lower() == ".json" and "focal_px" in (fields := read_object(path)):
+    is_json = Path(path).suffix.lower() == ".json" or text_of(path).lstrip().startswith("{")
+    if is_json and "focal_px" in (fields := read_object(path)):
+        if camera not in (None, "0"):
+            raise ValueError(f"{path}: --camera {camera} is not there; it holds 0")
         return calibration_from(fields, str(path)), Straighten()
     lens = read_lens(path, camera)
     calibration, typical, greatest = fitted(lens, str(path))

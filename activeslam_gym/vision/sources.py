@@ -91,7 +91,7 @@ def images_of(
     if file.is_file() and kind not in LISTS + PICTURES:
         stored, own, count = _video(file)
     else:
-        files = _picture_files(path, rows)
+        files = _picture_files(path, read_times(path) if times and kind in LISTS else rows)
         if times is not None:
             files, stamps = _at_times(files, rows, times)
         elif timed and not rows and rate is None:

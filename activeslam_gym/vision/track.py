@@ -35,7 +35,7 @@ from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.other_lenses import lens_from
 from activeslam_gym.vision.report import FREE, TURNED, Diagnosis, TrackFiles, blemish
 from activeslam_gym.vision.settings import FEATURES, FEWEST, MOST
-from activeslam_gym.vision.sources import Frame, SourceError, images_of
+from activeslam_gym.vision.sources import Frame, SourceError, images_of, read_times
 from activeslam_gym.vision.start import steps_from_anywhere
 from activeslam_gym.vision.target import FACING, Target, as_first_seen, drawn, read_target
 from activeslam_gym.vision.views import reduced
@@ -211,6 +211,9 @@ def track(args: Namespace) -> tuple[Track, str]:
         lens, straighten = lens_from(args.calibration, args.camera)
     with argument("target"):
         known = None if args.target is None else read_target(args.target, straighten.pixels)
+    with argument("times"):
+        if args.times is not None:
+            read_times(args.times)
     with argument("images", SourceError):
         source = images_of(args.images, args.rate, args.times, lens[:2])
     with argument("out"):

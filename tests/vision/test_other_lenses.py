@@ -12,6 +12,7 @@ pytest.importorskip("yaml", reason="the extra `vision` is not installed")
 
 from activeslam_gym.camera import pixel_from_camera_point
 from activeslam_gym.vision.other_lenses import Lens, fitted, lens_from, projected_by, read_lens, straightening
+from tests.vision_scene import LENS
 
 MATRIX = np.array(((500.0, 0.0, 310.0), (0.0, 502.0, 245.0), (0.0, 0.0, 1.0)))
 RADIAL, FISHEYE = "[0.05, -0.02, 0.001, -0.0005]", "[0.01, -0.003, 0.001, 0.0002]"
@@ -73,6 +74,13 @@ def test_of_a_lens_that_folds_nothing_is_shown_twice(
     around, out = np.linspace(0.0, 2.0 * np.pi, 90), np.arange(230.0)[:, None]
     rays = image[np.rint(240.0 + out * np.sin(around)).astype(int), np.rint(320.0 + out * np.cos(around)).astype(int)]
     assert (np.diff(rays, axis=0) <= 1).all()
+
+
+def test_a_file_of_calibrate_may_have_any_suffix_and_has_one_camera(tmp_path: Path) -> None:
+    (tmp_path / "lens.cal").write_text(json.dumps(LENS._asdict()))
+    assert lens_from(tmp_path / "lens.cal")[0] == LENS
+    with pytest.raises(ValueError, match="--camera cam7 is not there; it holds 0"):
+        lens_from(tmp_path / "lens.cal", "cam7")
 
 
 def test_skew_moves_the_pixels() -> None:

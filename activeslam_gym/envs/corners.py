@@ -287,8 +287,7 @@ def _initialise_features(run: Run, rules: Record, corners: Corners, draws: np.nd
         one.pixel[0], one.pixel[1] = z[0] + entry.std * first, z[1] + entry.std * second
         one.R[0, 0], one.R[0, 1], one.R[1, 0], one.R[1, 1] = entry.std**2, 0.0, 0.0, entry.std**2
         noise = lens.pixel_std**2 * np.eye(2)
-        filter = models.filter
-        one.match = add_landmark(lens, filter.initialisation, filter.particles, belief, one.pixel, noise)
+        one.match = add_landmark(lens, models.filter.initialisation, models.filter.particles, belief, one.pixel, noise)
         if one.match <= 0:
             break
         entry.id, entry.corner, entry.tried, entry.matched = one.match, c, 0.0, 0.0

@@ -115,7 +115,7 @@ def foreign_parts(settings: str) -> set[str]:
     Their code may read files and use libraries, and a mesh is a file, so results of them are not identified.
     """
     given = _PART.findall(settings)
-    return {one for one in given if not one.isidentifier() and one.partition(".")[0] not in COUNTED}
+    return {one for one in given if not re.fullmatch(r"[\w-]+", one) and one.partition(".")[0] not in COUNTED}
 
 
 def foreign_modules(settings: str) -> set[str]:

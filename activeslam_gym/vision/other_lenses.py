@@ -141,8 +141,8 @@ def projected_by(lens: Lens, rays: np.ndarray) -> np.ndarray:
     return bent @ lens.matrix[:2, :2].T + lens.matrix[:2, 2]  # OpenCV's own product leaves out the skew
 
 
-class _Remap(Straighten):
-    """The same of another ``lens``, with ``calibration``; black where there are none."""
+class Remap(Straighten):
+    """Maps images of another ``lens`` to those of equation 1 with ``calibration``; black where there are none."""
 
     def __init__(self, lens: Lens, calibration: Calibration) -> None:
         rays = _rays(calibration)
@@ -164,11 +164,6 @@ class _Remap(Straighten):
             v, u = np.unravel_index(nearest, self._pixels.shape[:2])
             out[k] = (u, v) + pixel - self._pixels[v, u]
         return out
-
-
-def straightening(lens: Lens, calibration: Calibration) -> Straighten:
-    """What maps images of the ``lens`` to those of equation 1 with ``calibration``; black where there are none."""
-    return _Remap(lens, calibration)
 
 
 def _rays(calibration: Calibration) -> np.ndarray:
@@ -205,7 +200,7 @@ def lens_from(path: str | Path, camera: str | None = None) -> tuple[Calibration,
     if np.hypot(*_rays(calibration).T).max() > reach:
         moved += f", and black beyond {math.degrees(math.atan(reach)):.0f} degrees, where its numbers fold"
     print(f"{path}: {lens.note}each image {moved}", file=sys.stderr, flush=True)
-    return calibration, straightening(lens, calibration)
+    return calibration, Remap(lens, calibration)
 
 
 def read_lens(path: str | Path, camera: str | None = None) -> Lens:

@@ -63,9 +63,12 @@ class _Stored(NamedTuple):
 
 
 def images_of(
-    path: str | Path, rate: float | None = None, times: str | Path | None = None, size: tuple[int, int] | None = None,
+    path: str | Path,
+    rate: float | None = None,
+    times: str | Path | None = None,
+    size: tuple[int, int] | None = None,
     timed: bool = True,
-) -> Images:  # fmt: skip
+) -> Images:
     """The images of the source ``path``: a folder, a pattern (``shots/*.png``), a list (TUM's rgb.txt, EuRoC's
     data.csv), a video, or the live camera ``camera:0``, in grey.
 

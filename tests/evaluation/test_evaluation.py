@@ -114,7 +114,7 @@ def test_a_page_names_its_commit_and_a_change_since(tmp_path: Path, monkeypatch:
 @pytest.mark.parametrize("field", ["reward", "motion_criterion", "estimator", "sensor", "scene"])
 def test_results_of_a_user_s_own_part_are_not_kept(field: str, tmp_path: Path) -> None:
     """Its code may read a file or use a library that has changed, and a mesh is a file."""
-    store, own = Store(tmp_path / "store"), ("activeslam_gym.sensors.points:PointSensor", "ekf")
+    store, own = Store(tmp_path / "store"), ("activeslam_gym.sensors.points:PointSensor", "ekf-plain")
     foreign = "mine:part", "flat.glb", "<mine.Part object at 0x7f>", 'functools.partial(<function "f">)'
     for part, kept in (*((one, False) for one in foreign), *((one, True) for one in own)):
         key = {field: part} if field == "reward" else {"scenario": {field: part}}

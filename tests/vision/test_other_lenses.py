@@ -11,7 +11,7 @@ cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 pytest.importorskip("yaml", reason="the extra `vision` is not installed")
 
 from activeslam_gym.camera import pixel_from_camera_point
-from activeslam_gym.vision.other_lenses import Lens, fitted, lens_from, projected_by, read_lens, straightening
+from activeslam_gym.vision.other_lenses import Lens, Remap, fitted, lens_from, projected_by, read_lens
 from tests.vision_scene import LENS
 
 MATRIX = np.array(((500.0, 0.0, 310.0), (0.0, 502.0, 245.0), (0.0, 0.0, 1.0)))
@@ -47,7 +47,7 @@ def test_images_are_mapped_to_equation_1_to_a_tenth_of_a_pixel(fisheye: bool) ->
     )
     calibration, _, greatest = fitted(lens, "here")
     assert greatest > 1.0  # or there would be nothing to map
-    straighten, camera = straightening(lens, calibration), calibration.camera
+    straighten, camera = Remap(lens, calibration), calibration.camera
     for x, y in np.random.default_rng(0).uniform((-0.45, -0.35), (0.45, 0.35), (30, 2)):
         ours, theirs = np.empty(2), projected_by(lens, np.array((x, y)))
         assert pixel_from_camera_point(camera, (-x, -y, 1.0), ours)

@@ -97,8 +97,11 @@ def images_of(
         files = _picture_files(path, read_times(path) if times and kind in LISTS else rows)
         if times is not None:
             files, stamps = _at_times(files, rows, times)
-        elif timed and not rows and rate is None:
+        elif timed and not rows:
             stamps = _times_in([file.stem for file in files])
+            if rate is not None:  # which they give way to, with a word
+                step = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
+                own, stamps = 1.0 / step if step > 0.0 else None, []
         stored, count = _pictures(files), len(files)
     if len(stamps) > 1:
         steps = np.diff(stamps)

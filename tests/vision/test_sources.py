@@ -105,7 +105,7 @@ def test_times_in_names_are_used_unless_a_rate_is_given(tmp_path, capsys) -> Non
         assert images_of(tmp_path / name).rate == pytest.approx(20.0, rel=1e-4)
         assert "20.00 images a second, by the times in their names" in capsys.readouterr().err
         assert [time for time, _ in images_of(tmp_path / name, 10.0).frames] == [0.0, 0.1, 0.2, 0.3]
-        assert capsys.readouterr().err == ""
+        assert "20.00 images a second by its times, and --rate is 10" in capsys.readouterr().err
     rare = pictures(tmp_path / "rare", [f"{1305031102 + 10 * k}.png" for k in range(4)])[0].parent
     for found in (images_of(rare, 10.0), images_of(rare, timed=False)):
         assert seen(found.frames) == [0, 1, 2, 3]

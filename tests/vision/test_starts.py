@@ -169,15 +169,17 @@ def test_a_camera_that_only_turns_in_a_room_stays_where_it_is_and_the_user_is_wa
         (RECTANGLE, {"width": RECTANGLE["height"], "height": RECTANGLE["width"]}),
         (RECTANGLE, {"height": 1.15 * TARGET.height}),
         (RECTANGLE, {"corners_px": dict(zip(CORNERS, (CORNERS_PX[k] for k in (2, 0, 3, 1))))}),
-        (RECTANGLE, {"corners_px": dict(zip(CORNERS, (CORNERS_PX[k] for k in (1, 0, 3, 2))))}),
     ],
 )
 def test_a_target_that_contradicts_the_image_is_refused(fields, change) -> None:
     board = fields["kind"] != "rectangle"
     image = board_on_the_plane(target_from(fields), POSES[0], 2) if board else image_from(POSES[0], target=True)
     start(image, LENS, target_from(fields), SCENARIO)
-    with pytest.raises(ValueError, match="contradicts the first image|order of its corners_px"):
+    with pytest.raises(ValueError, match="contradicts the first image"):
         start(image, LENS, target_from({**fields, **change}), SCENARIO)
+    mirrored = dict(zip(CORNERS, (CORNERS_PX[k] for k in (1, 0, 3, 2))))
+    with pytest.raises(ValueError, match="check the order of its corners_px"):
+        start(image_from(POSES[0], target=True), LENS, target_from(RECTANGLE | {"corners_px": mirrored}), SCENARIO)
 
 
 SIZE = (640, 480)

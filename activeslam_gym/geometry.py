@@ -4,13 +4,14 @@ import math
 
 import numpy as np
 
-from activeslam_gym.kernels import borrowing, compiled
+from activeslam_gym.kernels import borrowing, compiled, uncompiled
 
+Quaternion = tuple[float, float, float, float]
 _SMALL_ANGLE = 1e-4  # below this angle [rad] the series are exact to double precision and the closed forms lose digits
 
 
 @compiled
-def quaternion_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def quaternion_product(a: np.ndarray | Quaternion, b: np.ndarray) -> np.ndarray:
     """Hamilton product a b of two quaternions (4,), scalar first."""
     out = np.empty(4)
     out[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3]
@@ -20,18 +21,22 @@ def quaternion_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return out
 
 
-@compiled
-def quaternion_exp(phi: np.ndarray) -> np.ndarray:
-    """Unit quaternion (4,) of the rotation vector ``phi`` (3,) [rad]."""
+@borrowing
+def _exp(phi: np.ndarray) -> Quaternion:
     angle = math.sqrt(phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2])
     scale = 0.5 - angle * angle / 48.0 if angle < _SMALL_ANGLE else math.sin(0.5 * angle) / angle
-    return np.array((math.cos(0.5 * angle), scale * phi[0], scale * phi[1], scale * phi[2]))
+    return math.cos(0.5 * angle), scale * phi[0], scale * phi[1], scale * phi[2]
+
+
+def quaternion_exp(phi: np.ndarray) -> np.ndarray:
+    """Unit quaternion (4,) of the rotation vector ``phi`` (3,) [rad]."""
+    return np.array(uncompiled(_exp)(phi))
 
 
 @compiled
 def rotate_left(phi: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Exp(phi) q, normalised: the paper's left-multiplied quaternion transition."""
-    out = quaternion_product(quaternion_exp(phi), q)
+    out = quaternion_product(_exp(phi), q)
     norm = math.sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2] + out[3] * out[3])
     for i in range(4):
         out[i] /= norm

@@ -249,16 +249,25 @@ def congruence(F: np.ndarray, P: np.ndarray) -> np.ndarray:
     return out
 
 
-@borrowing
+@compiled
 def add_symmetric_product(A: np.ndarray, B: np.ndarray, out: np.ndarray) -> None:
-    """out += A B^T (n, n) where that is symmetric: the lower triangle, whose copy is the upper; A, B (>= n, k)."""
-    for i in range(out.shape[0]):
-        for j in range(i + 1):
-            value = out[i, j]
-            for k in range(B.shape[1]):
-                value += A[i, k] * B[j, k]
-            out[i, j] = value
-            out[j, i] = value
+    """out += A B^T (n, n) where that is symmetric: the upper triangle, whose copy is the lower; A, B (>= n, k).
+
+    Zeros of B cost nothing.
+    """
+    n, turned = out.shape[0], np.empty((B.shape[1], out.shape[0]))
+    for i in range(n):
+        for k in range(turned.shape[0]):
+            turned[k, i] = A[i, k]
+    for j in range(n):
+        row = out[j, j:]
+        for k in range(turned.shape[0]):
+            factor, other = B[j, k], turned[k, j:]
+            if factor != 0.0:
+                for i in range(n - j):
+                    row[i] += factor * other[i]
+        for i in range(1, n - j):
+            out[j + i, j] = row[i]
 
 
 @borrowing

@@ -12,7 +12,7 @@ import numpy as np
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotate_left, rotation_matrix, so3_exp, so3_left_jacobian
 from activeslam_gym.kernels import Record, compiled, constants
-from activeslam_gym.linalg import congruence, copy_block, copy_into, diagonal, product
+from activeslam_gym.linalg import add_symmetric_product, congruence, copy_block, copy_into, product
 
 CAMERA_SIZE = 13
 CAMERA_DIM = 12
@@ -128,7 +128,9 @@ def transition_jacobian(angular_velocity: np.ndarray, dt: float) -> np.ndarray:
     dtheta+ = Exp(w+ dt) dtheta + J_l(w+ dt) dt dw+, which follows from Exp((w + dw) dt) = Exp(J_l dw dt) Exp(w dt).
     """
     phi = np.array((dt * angular_velocity[0], dt * angular_velocity[1], dt * angular_velocity[2]))
-    F_x, J_l = diagonal(np.ones(CAMERA_DIM)), so3_left_jacobian(phi)
+    F_x, J_l = np.zeros((CAMERA_DIM, CAMERA_DIM)), so3_left_jacobian(phi)
+    for i in range(CAMERA_DIM):
+        F_x[i, i] = 1.0
     copy_block(so3_exp(phi), F_x[D_ROTATION, D_ROTATION])
     for i in range(3):
         F_x[D_POSITION.start + i, D_VELOCITY.start + i] = dt
@@ -140,10 +142,14 @@ def transition_jacobian(angular_velocity: np.ndarray, dt: float) -> np.ndarray:
 @compiled
 def process_covariance(motion: Record, F_x: np.ndarray, dt: float) -> np.ndarray:
     """Q (12, 12) = F_x Q_u F_x^T of ``dt`` seconds: the noise enters v and w, and reaches p and theta as they do."""
-    variances = np.zeros(CAMERA_DIM)
-    variances[D_VELOCITY] = (dt * motion.filter_acceleration_std) ** 2
-    variances[D_ANGULAR] = (dt * motion.filter_angular_acceleration_std) ** 2
-    return congruence(F_x, diagonal(variances))
+    F_u, out = F_x[:, D_VELOCITY.start :], np.zeros((CAMERA_DIM, CAMERA_DIM))
+    F_Q = F_u.copy()
+    for i in range(CAMERA_DIM):
+        for j in range(3):
+            F_Q[i, j] *= (dt * motion.filter_acceleration_std) ** 2
+            F_Q[i, 3 + j] *= (dt * motion.filter_angular_acceleration_std) ** 2
+    add_symmetric_product(F_Q, F_u, out)
+    return out
 
 
 @compiled

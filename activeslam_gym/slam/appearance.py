@@ -26,14 +26,14 @@ from activeslam_gym.kernels import Record, borrowing, compiled, constants
 from activeslam_gym.motion import CAMERA_DIM, POSITION, VELOCITY
 from activeslam_gym.slam.belief import AZIMUTH, ELEVATION, FEATURE_SIZE, POINT, Belief, point_of
 from activeslam_gym.slam.detection import (
-    MISSED,
     REJECTED,
     WAITS,
     chi_square_2_quantile,
     condition,
-    condition_all,
+    conditioned,
     distance_and_det,
     predicted_pixels,
+    write_gain,
 )
 from activeslam_gym.slam.kalman import update_by
 from activeslam_gym.slam.map import count_misses, promote
@@ -94,7 +94,7 @@ def associate_identified(model: Record, sight: Sight, detections: np.ndarray, le
     while best >= 0:
         a = of_detection[best]
         matches[a], count = best, count + 1
-        condition_all(z, S, a, detections[best])
+        condition(z, S, a, detections[best], matches)
         best = _best(model, z, S, detections, of_detection, matches, False)
     if count < least:
         matches[:] = WAITS
@@ -139,12 +139,12 @@ def _agreement(
     model: Record, z: np.ndarray, S: np.ndarray, detections: np.ndarray, of_detection: np.ndarray, seed: int
 ) -> float:
     """Sum over the other predictions of the worth of their best detection, given that the ``seed`` is of its own."""
-    a, best, given_z, given_S = of_detection[seed], np.zeros(z.shape[0] // 2), np.empty(z.shape), np.empty(S.shape)
-    condition(z, S, a, detections[seed], given_z, given_S, np.full(best.shape[0], MISSED))
+    a, best, gain = of_detection[seed], np.zeros(z.shape[0] // 2), np.empty((2, z.shape[0]))
+    write_gain(S, a, detections[seed], gain[0], gain[1])
     for i in range(detections.shape[0]):
         b = of_detection[i]
         if b >= 0 and b != a:
-            d2, det = distance_and_det(given_z, given_S, b, detections[i])
+            d2, det = conditioned(z, S, a, detections[seed], gain, b, detections[i])
             best[b] = max(best[b], _worth(model, detections[i], d2, det))
     return best.sum()
 

@@ -43,10 +43,11 @@ from activeslam_gym.slam.detection import (
     at_level,
     chi_square_2_quantile,
     condition_open,
-    distance_and_det,
+    cost_of,
     hypotheses,
     log_missed,
     measure_distances,
+    measure_from_start,
     predicted_pixels,
 )
 from activeslam_gym.slam.sight import Sight, pixel_rows
@@ -135,7 +136,8 @@ def match_unknown(model: Record, sight: Sight, detections: np.ndarray, features:
         if settled:  # what a search of everything leaves open stays so
             break
         settled = match_jointly(model, h, pair_worth, matches)
-    _leave_unclear(model, hypotheses(sight.point, detections, z, S), matches)
+    measure_from_start(h)
+    _leave_unclear(model, h, matches)
     return matches
 
 
@@ -193,7 +195,7 @@ def _match_clear(model: Record, h: Hypotheses, matches: np.ndarray) -> bool:
     for a in range(partner.shape[0]):
         if partner[a] >= 0:
             matches[a] = partner[a]
-            accept(h, a, partner[a])
+            accept(h, a, partner[a], matches)
     if found:
         measure_distances(h)
     return found
@@ -202,18 +204,20 @@ def _match_clear(model: Record, h: Hypotheses, matches: np.ndarray) -> bool:
 @borrowing
 def _clear_partner(model: Record, h: Hypotheses, a: int) -> int:
     """The detection that is the best of prediction ``a`` by a margin, as ``a`` is of the detection; or -1."""
-    best = -1
+    best, least = -1, math.inf
     for i in range(h.d2.shape[1]):
-        if h.d2[a, i] < model.gate and (best < 0 or h.cost[a, i] < h.cost[a, best]):
-            best = i
+        if h.d2[a, i] < model.gate:
+            cost = cost_of(h, a, i)
+            if best < 0 or cost < least:
+                best, least = i, cost
     if best < 0:
         return -1
-    bound = h.cost[a, best] + model.clear_margin
+    bound = least + model.clear_margin
     for i in range(h.d2.shape[1]):
-        if i != best and h.d2[a, i] < model.new_feature_gate and h.cost[a, i] < bound:
+        if i != best and h.d2[a, i] < model.new_feature_gate and cost_of(h, a, i) < bound:
             return -1
     for r in range(h.d2.shape[0]):
-        if r != a and h.d2[r, best] < model.new_feature_gate and h.cost[r, best] < bound:
+        if r != a and h.d2[r, best] < model.new_feature_gate and cost_of(h, r, best) < bound:
             return -1
     return best
 
@@ -230,6 +234,7 @@ class Search(NamedTuple):
     best: np.ndarray  # (1,) greatest of all
     nodes: np.ndarray  # (1,) partial assignments so far
     answers: np.ndarray  # (n + 1, n) of each depth, the detection of each prediction, or M: missed, or UNDECIDED
+    costs: np.ndarray  # (n + 1, M) of each depth, `cost_of` the detections near the prediction that is decided
 
 
 @compiled
@@ -261,7 +266,7 @@ def match_jointly(model: Record, h: Hypotheses, pair_worth: float, matches: np.n
         lately = h.points[a].id > 0 and h.points[a].unseen <= model.lately
         if answer < M and best - other >= (model.lately_margin if lately else model.margin):
             matches[a] = answer
-            accept(h, a, answer)
+            accept(h, a, answer, matches)
             matched += 1
     measure_distances(h)
     return matched == 0 or scores.shape[0] == in_reach
@@ -289,8 +294,9 @@ def _search(model: Record, h: Hypotheses, chosen: np.ndarray, pair_worth: float)
     copy_into(z[0], h.z[rows])
     copy_block(submatrix(h.S, rows), S[0])
     copy_block(h.d2[chosen], d2[0])
-    levels = Hypotheses(h.points, h.detections, z, S, d2, np.empty((n + 1, n, M)))
-    _explore(model, levels, Search(pair_worth, most, scores, best, nodes, np.full((n + 1, n), UNDECIDED)), 0, 0, 0.0)
+    levels = Hypotheses(h.points, h.detections, z, S, d2)
+    answers, costs = np.full((n + 1, n), UNDECIDED), np.empty((n + 1, M))
+    _explore(model, levels, Search(pair_worth, most, scores, best, nodes, answers, costs), 0, 0, 0.0)
     if nodes[0] <= model.nodes:
         return scores
     return _search(model, h, chosen[: n // 2], pair_worth) if n > 2 else scores[:0]
@@ -321,15 +327,14 @@ def _explore(model: Record, levels: Hypotheses, search: Search, depth: int, matc
             search.scores[a, answer[a]] = max(search.scores[a, answer[a]], score)
         search.best[0] = max(search.best[0], score)
         return
-    costs = levels.cost[depth, decided]
+    costs = search.costs[depth]
     for i in range(M):
         costs[i], reached = np.inf, False
         for a in range(n):
             reached = reached or (answer[a] == UNDECIDED and h.d2[a, i] < model.new_feature_gate)
         pairs += reached
         if h.d2[decided, i] < model.new_feature_gate:
-            d2, det = distance_and_det(h.z, h.S, decided, h.detections[i])
-            costs[i] = d2 + math.log(det) - 2.0 * h.detections[i].log_ratio
+            costs[i] = cost_of(h, decided, i)
     rest = search.most * min(others, pairs)  # the others add at most so much
     for _ in range(fewest + 1):
         i = _least(costs)

@@ -64,30 +64,56 @@ def distance_by_own_noise(z_hat: np.ndarray, S: np.ndarray, R: np.ndarray, detec
 
 
 @borrowing
-def condition(
-    z: np.ndarray, S: np.ndarray, a: int, detection: Record, new_z: np.ndarray, new_S: np.ndarray, matches: np.ndarray
-) -> None:
-    """Write the joint Gaussian, given that prediction ``a`` is ``detection``, of those whose ``matches`` are negative.
-
-    z + S_:a (S_aa + R)^-1 nu, S - S_:a (S_aa + R)^-1 S_a:.
-    """
+def write_gain(S: np.ndarray, a: int, detection: Record, g0: np.ndarray, g1: np.ndarray) -> None:
+    """The gain S_:a (S_aa + R)^-1 of prediction ``a`` being ``detection``, by columns (2 v,)."""
     s00, s01, s11 = innovation_of(S, a, detection)
     det = max(s00 * s11 - s01 * s01, 1e-300)
-    x, y = detection.pixel[0] - z[2 * a], detection.pixel[1] - z[2 * a + 1]
     c0, c1 = S[2 * a], S[2 * a + 1]
-    for i in range(z.shape[0]):
-        if matches[i // 2] < 0:
-            g0, g1 = (s11 * c0[i] - s01 * c1[i]) / det, (s00 * c1[i] - s01 * c0[i]) / det
-            new_z[i] = z[i] + (g0 * x + g1 * y)
-            row, out = S[i], new_S[i]
-            for j in range(c0.shape[0]):
-                out[j] = row[j] - (g0 * c0[j] + g1 * c1[j])
+    for i in range(c0.shape[0]):
+        g0[i], g1[i] = (s11 * c0[i] - s01 * c1[i]) / det, (s00 * c1[i] - s01 * c0[i]) / det
 
 
 @compiled
-def condition_all(z: np.ndarray, S: np.ndarray, a: int, detection: Record) -> None:
-    """Condition the joint Gaussian of ``z`` (2 v,) and ``S`` (2 v, 2 v) on prediction ``a`` being ``detection``."""
-    condition(z.copy(), S.copy(), a, detection, z, S, np.full(z.shape[0] // 2, MISSED))
+def condition(z: np.ndarray, S: np.ndarray, a: int, detection: Record, matches: np.ndarray) -> None:
+    """Make ``z`` (2 v,) and ``S`` (2 v, 2 v) the joint Gaussian given that prediction ``a`` is ``detection``.
+
+    z + S_:a (S_aa + R)^-1 nu, S - S_:a (S_aa + R)^-1 S_a:. Of predictions with ``matches`` (v,), as of ``a``, the own
+    blocks alone: no other will be conditioned on them.
+    """
+    first, gain = 2 * a, np.empty((2, z.shape[0]))
+    g0, g1, c0, c1 = gain[0], gain[1], S[first], S[first + 1]
+    write_gain(S, a, detection, g0, g1)
+    x, y = detection.pixel[0] - z[first], detection.pixel[1] - z[first + 1]
+    for i in range(z.shape[0]):
+        z[i] += g0[i] * x + g1[i] * y
+        row = S[i]
+        if i // 2 != a and matches[i // 2] < 0:
+            u, w = g0[i], g1[i]
+            for j in range(c0.shape[0]):
+                row[j] -= u * c0[j] + w * c1[j]
+        elif i // 2 != a:
+            for j in range(i - i % 2, i - i % 2 + 2):
+                row[j] -= g0[i] * c0[j] + g1[i] * c1[j]
+    for j in range(first, first + 2):  # last, as all others are by these rows
+        u, w = c0[j], c1[j]
+        c0[j] -= g0[first] * u + g1[first] * w
+        c1[j] -= g0[first + 1] * u + g1[first + 1] * w
+
+
+@borrowing
+def conditioned(
+    z: np.ndarray, S: np.ndarray, a: int, detection: Record, gain: np.ndarray, b: int, other: Record
+) -> tuple[float, float]:
+    """`distance_and_det` of ``other`` from prediction ``b``, given by the ``gain`` (2, 2 v) that ``a`` is
+    ``detection``."""
+    i, k, R = 2 * b, 2 * a, other.R
+    x, y = detection.pixel[0] - z[k], detection.pixel[1] - z[k + 1]
+    g0, g1, h0, h1 = gain[0, i], gain[1, i], gain[0, i + 1], gain[1, i + 1]
+    s00 = S[i, i] - (g0 * S[k, i] + g1 * S[k + 1, i])
+    s01 = S[i, i + 1] - (g0 * S[k, i + 1] + g1 * S[k + 1, i + 1])
+    s11 = S[i + 1, i + 1] - (h0 * S[k, i + 1] + h1 * S[k + 1, i + 1])
+    u, v = other.pixel[0] - (z[i] + (g0 * x + g1 * y)), other.pixel[1] - (z[i + 1] + (h0 * x + h1 * y))
+    return squared_distance(s00 + R[0, 0], s01 + R[0, 1], s11 + R[1, 1], u, v)
 
 
 class Hypotheses(NamedTuple):
@@ -98,58 +124,75 @@ class Hypotheses(NamedTuple):
     z: np.ndarray  # (2 v,) predicted pixels [px]
     S: np.ndarray  # (2 v, 2 v) their joint covariance; each detection adds its own R [px^2]
     d2: np.ndarray  # (v, M) squared Mahalanobis distances; inf where the ids differ, or one of the two is matched
-    cost: np.ndarray  # (v, M) d^2 + ln |S + R| - 2 log_ratio: -2 ln of the likelihood, less a constant
 
 
 @inlined
 def at_level(levels: Hypotheses, k: int) -> Hypotheses:
     """Level ``k`` of several, which share the points and the detections: their other arrays have an axis in front."""
-    return Hypotheses(levels.points, levels.detections, levels.z[k], levels.S[k], levels.d2[k], levels.cost[k])
+    return Hypotheses(levels.points, levels.detections, levels.z[k], levels.S[k], levels.d2[k])
 
 
 @compiled
 def hypotheses(points: np.ndarray, detections: np.ndarray, z: np.ndarray, S: np.ndarray) -> Hypotheses:
     """All that ``detections`` (M,) may be of the ``points`` (v,), which are predicted at ``z`` (2 v,) with ``S``."""
-    shape = points.shape[0], detections.shape[0]
-    h = Hypotheses(points, detections, z, S, np.zeros(shape), np.full(shape, np.inf))
-    for a in range(points.shape[0]):
-        for i in range(detections.shape[0]):
-            if detections[i].id != UNASSOCIATED and detections[i].id != points[a].id:
-                h.d2[a, i] = np.inf
-    measure_distances(h)
+    h = Hypotheses(points, detections, z, S, np.empty((points.shape[0], detections.shape[0])))
+    measure_from_start(h)
     return h
 
 
 @borrowing
-def measure_distances(h: Hypotheses) -> None:
-    """Write the distances and costs that are not infinite."""
+def measure_from_start(h: Hypotheses) -> None:
+    """Write all distances, as if nothing were matched."""
     for a in range(h.d2.shape[0]):
-        last, log_det = math.nan, math.nan  # of the detection before: most share one R
+        for i in range(h.d2.shape[1]):
+            apart = h.detections[i].id != UNASSOCIATED and h.detections[i].id != h.points[a].id
+            h.d2[a, i] = np.inf if apart else distance_and_det(h.z, h.S, a, h.detections[i])[0]
+
+
+@borrowing
+def measure_distances(h: Hypotheses) -> None:
+    """Write the distances that are not infinite."""
+    for a in range(h.d2.shape[0]):
         for i in range(h.d2.shape[1]):
             if h.d2[a, i] < np.inf:
-                h.d2[a, i], det = distance_and_det(h.z, h.S, a, h.detections[i])
-                if det != last:
-                    last, log_det = det, math.log(det)
-                h.cost[a, i] = h.d2[a, i] + log_det - 2.0 * h.detections[i].log_ratio
+                h.d2[a, i] = distance_and_det(h.z, h.S, a, h.detections[i])[0]
+
+
+@borrowing
+def cost_of(h: Hypotheses, a: int, i: int) -> float:
+    """d^2 + ln |S + R| - 2 log_ratio: -2 ln of the likelihood that detection ``i`` is prediction ``a``, less a
+    constant."""
+    d2, det = distance_and_det(h.z, h.S, a, h.detections[i])
+    return d2 + math.log(det) - 2.0 * h.detections[i].log_ratio
 
 
 @compiled
-def accept(h: Hypotheses, a: int, i: int) -> None:
-    """Match prediction ``a`` to detection ``i``, and condition all predictions on it."""
-    h.d2[a, :] = np.inf
-    h.d2[:, i] = np.inf
-    condition_all(h.z, h.S, a, h.detections[i])
+def accept(h: Hypotheses, a: int, i: int, matches: np.ndarray) -> None:
+    """Match prediction ``a`` to detection ``i``, and condition all predictions on it; ``matches`` as of `condition`."""
+    for j in range(h.d2.shape[1]):
+        h.d2[a, j] = np.inf
+    for b in range(h.d2.shape[0]):
+        h.d2[b, i] = np.inf
+    condition(h.z, h.S, a, h.detections[i], matches)
 
 
 @borrowing
 def condition_open(h: Hypotheses, below: Hypotheses, a: int, i: int, matches: np.ndarray) -> None:
     """Write to ``below`` what ``h`` leaves of the predictions without a match, given that ``a`` is detection ``i``.
 
-    ``matches`` (v,) are negative for them. Costs are not written.
+    ``matches`` (v,) are negative for them.
     """
-    condition(h.z, h.S, a, h.detections[i], below.z, below.S, matches)
+    one, c0, c1 = h.detections[i], h.S[2 * a], h.S[2 * a + 1]
+    x, y = one.pixel[0] - h.z[2 * a], one.pixel[1] - h.z[2 * a + 1]
+    g0, g1 = below.S[2 * a], below.S[2 * a + 1]  # no rows of an open prediction
+    write_gain(h.S, a, one, g0, g1)
     for b in range(matches.shape[0]):
         if matches[b] < 0:
+            for r in range(2 * b, 2 * b + 2):
+                row, out, u, w = h.S[r], below.S[r], g0[r], g1[r]
+                below.z[r] = h.z[r] + (u * x + w * y)
+                for j in range(c0.shape[0]):
+                    out[j] = row[j] - (u * c0[j] + w * c1[j])
             for j in range(h.d2.shape[1]):
                 gone = j == i or h.d2[b, j] == np.inf
                 below.d2[b, j] = np.inf if gone else distance_and_det(below.z, below.S, b, h.detections[j])[0]

@@ -22,7 +22,7 @@ from activeslam_gym.linalg import (
     solve_transposed,
     solve_transposed_vector,
     submatrix,
-    subtract_from_one,
+    subtract_from_upper,
     subtract_symmetric,
 )
 from activeslam_gym.motion import (
@@ -93,10 +93,10 @@ def propagate(P: np.ndarray, dim: int, F: np.ndarray, Q: np.ndarray) -> None:
 def factored_gain(HP: np.ndarray, S: np.ndarray, innovation: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
     """(W, delta, sound): with U^T U = S and W = U^-T H P, K S K^T = W^T W and delta = K nu = W^T (U^-T nu).
 
-    One factor, no inverse. ``HP`` is (m, dim); ``S`` = H P H^T + R (m, m) and ``innovation`` nu (m,) are overwritten.
-    Not sound if S has no factor.
+    One factor, no inverse. ``HP`` (m, dim), which W overwrites, ``S`` = H P H^T + R (m, m) and ``innovation`` nu (m,)
+    are overwritten. Not sound if S has no factor.
     """
-    W, delta = HP.copy(), np.zeros((1, HP.shape[1]))
+    W, delta = HP, np.zeros((1, HP.shape[1]))
     if not cholesky_in_place(S):
         return W, delta[0], False
     solve_transposed(S, W)
@@ -150,9 +150,14 @@ def update_by(
     So many ``frames`` tell of the curvature of a feature what one does (see `PRODUCT_FRAMES`), so each is given as many
     times that noise.
     """
-    matched = np.flatnonzero(matches >= 0)
-    if matched.shape[0] == 0:
+    matched, count = np.empty(matches.shape[0], np.int64), 0
+    for a in range(matches.shape[0]):
+        if matches[a] >= 0:
+            matched[count] = a
+            count += 1
+    if count == 0:
         return
+    matched = matched[:count]
     rows = pixel_rows(matched)
     points, HP, S = sight.point[matched], np.empty((rows.shape[0], sight.HP.shape[1])), submatrix(sight.S, rows)
     more_frames, pixels = frames - 1.0, np.empty(rows.shape[0])
@@ -176,7 +181,7 @@ def correct(lens: Record, belief: Belief, fiducials: np.ndarray, sight: Sight, p
     delta = K (z - h(x_i) + H_i delta_i) with H_i, and so K and W, taken at the last mean x_i = x ⊞ delta_i. False, with
     nothing changed, if S has no factor.
     """
-    points, HP, S, state = sight.point, sight.HP, sight.S, belief.state
+    points, HP, S, state, shifted = sight.point, sight.HP, sight.S, belief.state, False
     camera, bias, features = state.camera.copy(), state.bias.copy(), belief.feature[: state.count].copy()
     line = np.empty(pixels.shape[0])  # the pixels at delta = 0, by the line through the last mean
     for r in range(line.shape[0]):
@@ -184,22 +189,22 @@ def correct(lens: Record, belief: Belief, fiducials: np.ndarray, sight: Sight, p
     W, delta, sound = factored_gain(HP, S, pixels - line)
     for _ in range(ITERATIONS if sound else 0):
         shift_mean(belief, delta)
-        bends = _nonlinearity(lens, belief, fiducials, points, line, delta) > NONLINEARITY_PX
-        if bends:
-            _refer_to_prior(belief, points, line, delta)
+        shifted = not _nonlinearity(lens, belief, fiducials, points, line, delta) > NONLINEARITY_PX
+        if shifted:
+            break
+        _refer_to_prior(belief, points, line, delta)
         copy_into(state.camera, camera)
         copy_into(state.bias, bias)
         for k in range(state.count):
             belief.feature[k] = features[k]
-        if not bends:
-            break
         nearer = sight_with(points, belief.covariance, belief.state.dim)
         W_next, delta_next, next_sound = factored_gain(nearer.HP, nearer.S, pixels - line)
         if not next_sound:
             break
         W, delta = W_next, delta_next
     if sound:
-        shift_mean(belief, delta)
+        if not shifted:
+            shift_mean(belief, delta)
         update_covariance(belief, W, delta)
     return sound
 
@@ -293,21 +298,21 @@ def update_covariance(belief: Belief, W: np.ndarray, delta: np.ndarray) -> None:
     of the paper's Jacobian of the quaternion's normalisation.
 
     With M = I + E^T on the rotation's columns, E (3, dim), and B = P_theta + P_theta,theta E / 2 of the P after the
-    update, M P M^T = P + E^T B + B^T E; all that is subtracted, at once: (W, -E, -B)^T (W, B, E).
+    update, M P M^T = P + E^T B + B^T E: less (-E, -B)^T (B, E).
     """
-    P, dim, m = belief.covariance, belief.state.dim, W.shape[0]
-    E, left, right = invariance_correction(belief, delta), np.empty((m + 6, dim)), np.empty((m + 6, dim))
-    B, W_theta = right[m : m + 3], W[:, D_ROTATION].copy()
-    copy_block(P[D_ROTATION, :dim], B)
+    P, dim = belief.covariance, belief.state.dim
+    subtract_from_upper(P, W, W, dim)
+    E, left, right = invariance_correction(belief, delta), np.empty((6, dim)), np.empty((6, dim))
+    B = right[:3]
     for i in range(3):
-        subtract_from_one(B, i, W_theta, W, m, 0, dim)
+        row = D_ROTATION.start + i
+        for j in range(dim):
+            B[i, j] = P[row, j] if j >= row else P[j, row]
     add_product(0.5 * B[:, D_ROTATION], E, B)
-    copy_block(W, left)
-    copy_block(W, right)
-    copy_block(E, right[m + 3 :])
+    copy_block(E, right[3:])
     for i in range(3):
         for j in range(dim):
-            left[m + i, j], left[m + 3 + i, j] = -E[i, j], -B[i, j]
+            left[i, j], left[3 + i, j] = -E[i, j], -B[i, j]
     subtract_symmetric(P, left, right, dim)
     J, P_theta = left_jacobian(belief, delta), np.zeros((3, dim))
     add_product(J, P[D_ROTATION], P_theta)

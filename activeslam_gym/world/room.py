@@ -211,7 +211,7 @@ def draw_start(scenario: Scenario, rng: np.random.Generator, place: np.ndarray) 
     camera = np.empty(CAMERA_SIZE)
     camera[POSITION] = place[:3] + np.array(scenario.position_std) * rng.standard_normal(3)
     turned = scenario.orientation_std * rng.standard_normal(3)
-    camera[QUATERNION] = uncompiled(quaternion_exp)(turned)
+    camera[QUATERNION] = quaternion_exp(turned)
     camera[VELOCITY] = scenario.velocity_std * rng.standard_normal(3)
     camera[ANGULAR_VELOCITY] = scenario.angular_velocity_std * rng.standard_normal(3)
     if place[3] != 1.0:

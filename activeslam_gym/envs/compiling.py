@@ -23,7 +23,7 @@ def scores() -> None:
     """Those of greedy policies: of no run, or those of a reset would be compiled too."""
     env, no_run = ActiveSLAMEnv(), (0, 0)
     plans, out = env._motion_plans, np.zeros((2, 1, len(env._motion_plans)))
-    score_runs(env._runs, plans, env.gaze_period, 0, out[0], *no_run)
+    score_runs(env._runs, plans, env.gaze_period, 0, env._open_loops, out[0], *no_run)
     net_of_runs(env._runs, plans, env.gaze_period, out, *no_run)
 
 

@@ -47,13 +47,21 @@ def predicted_belief(run: Run) -> PredictedBelief:
 
 @compiled
 def score_runs(
-    runs: Run, plans: np.ndarray, gaze_period: float, criterion: int, out: np.ndarray, start: int, stop: int
+    runs: Run,
+    plans: np.ndarray,
+    gaze_period: float,
+    criterion: int,
+    known: np.ndarray,
+    out: np.ndarray,
+    start: int,
+    stop: int,
 ) -> None:
-    """Write the scores of ``plans`` (A, L) for the runs ``start`` … ``stop - 1`` into their rows of ``out``."""
+    """Write the scores of ``plans`` (A, L) for the runs ``start`` … ``stop - 1`` into their rows of ``out``; each has
+    its row of ``known`` OPEN_LOOP."""
     for i in range(start, stop):
         run = run_at(runs, i, runs.estimate.covariance[i])
         models, time = run.models, run.episode.steps * gaze_period
-        score_plans(models.lens, models.motion, predicted_belief(run), time, plans, criterion, out[i])
+        score_plans(models.lens, models.motion, predicted_belief(run), time, plans, criterion, known[i], out[i])
 
 
 @compiled
@@ -77,6 +85,7 @@ class Scores(Runs):
     def __init__(self, setting: Setting, runs: Run, workers: Workers) -> None:
         super().__init__(setting, runs, workers)
         step, held = int(setting.task.frames_per_step), (self.scenario.gaze_horizon or 0.0) / self.scenario.frame_time
+        self._open_loops = np.zeros((len(runs.episode), candidates.MOST_OPEN_LOOPS), candidates.OPEN_LOOP)
         self._motion_frames = step * self.steps_per_motion
         self._motion_plans = candidates.motion_plans(self._motion_frames)
         self._gaze_plans = candidates.gaze_plans(max(step, min(round(held), MOST_HELD_FRAMES)))
@@ -147,7 +156,7 @@ class Scores(Runs):
         if number == NET and own_sensor:
             self._workers.call(net_of_runs, self._runs, plans, self.gaze_period, out)
         elif number != FOREIGN and own_sensor:
-            self._workers.call(score_runs, self._runs, plans, self.gaze_period, number, out[0])
+            self._workers.call(score_runs, self._runs, plans, self.gaze_period, number, self._open_loops, out[0])
         else:
             for i in range(out.shape[1]):
                 out[:, i] = self._evaluated_in_python(i, plans, criterion)

@@ -43,6 +43,15 @@ ACTION = record(
 )
 """A candidate action."""
 REMAIN = -1  # in place of a motion: the present position, even where it is outside of what goals are clipped to
+OPEN_LOOP = record(
+    turn="f8",  # about the vertical [rad/s]
+    frames="i8",  # 0: not filled yet
+    noise=("f8", 2),  # deviations of the filter's accelerations
+    F=("f8", (CAMERA_DIM, CAMERA_DIM)),
+    Q=("f8", (CAMERA_DIM, CAMERA_DIM)),
+)
+"""An unobserved motion that plans share, and that is remembered from one decision to the next: `motion.open_loop`."""
+MOST_OPEN_LOOPS = 2 * GAZE_COUNT
 TURNING = ANGULAR_VELOCITY.start + 1  # where the rate about the vertical stands in a camera's mean
 
 
@@ -143,11 +152,25 @@ def goal_pose(
 
 
 @compiled
-def propagate_by(motion: Record, P: np.ndarray, turn: float, frames: int) -> None:
-    """Make ``P`` the covariance after ``frames`` frames of turning at ``turn`` [rad/s] without a measurement."""
-    if frames > 0:
-        F, Q = open_loop(motion, turn, frames)
-        propagate(P, P.shape[0], F, Q)
+def propagate_by(motion: Record, P: np.ndarray, turn: float, frames: int, known: np.ndarray) -> None:
+    """Make ``P`` the covariance after ``frames`` frames of turning at ``turn`` [rad/s] without a measurement.
+
+    ``known`` (k,) OPEN_LOOP are looked up; one that is missing takes the first free place, or the last.
+    """
+    if frames == 0:
+        return
+    linear, angular = motion.filter_acceleration_std, motion.filter_angular_acceleration_std
+    for k in range(known.shape[0]):
+        one = known[k]
+        found = one.frames == frames and one.turn == turn and one.noise[0] == linear and one.noise[1] == angular
+        if found or one.frames == 0 or k == known.shape[0] - 1:
+            if not found:
+                F, Q = open_loop(motion, turn, frames)
+                copy_block(F, one.F)
+                copy_block(Q, one.Q)
+                one.turn, one.frames, one.noise[0], one.noise[1] = turn, frames, linear, angular
+            propagate(P, P.shape[0], one.F, one.Q)
+            break
 
 
 @compiled
@@ -200,9 +223,12 @@ def score_plans(
     time: float,
     plans: np.ndarray,
     criterion: int,
+    known: np.ndarray,
     out: np.ndarray,
 ) -> None:
     """Write into ``out`` (A,) what each of ``plans`` (A, L) of ACTION would teach, from ``time`` [s] on.
+
+    ``known`` (k,) OPEN_LOOP, k > 0, are those of earlier decisions.
 
     By the chain rule I(x; z_1, z_2) = I(x; z_1) + I(x; z_2 | z_1): after each action but the last the covariance is
     updated by the measurements expected there, and propagated on. What consecutive plans have in common, the leading
@@ -226,7 +252,7 @@ def score_plans(
             if not turned:
                 before = belief.covariance if step == 0 else measured[step - 1]
                 copy_block(before, after[step])
-                propagate_by(motion, after[step], turn, action.frames)
+                propagate_by(motion, after[step], turn, action.frames, known)
             pose = goal_pose(motion, belief, poses[step], action.motion, turn, action.frames)
             copy_into(poses[step + 1], pose)
             sight = sight_after(lens, belief, after[step], pose)

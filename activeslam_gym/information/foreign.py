@@ -10,7 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from activeslam_gym.information.candidates import PredictedBelief, goal_pose, propagate_by, updated
+from activeslam_gym.information.candidates import (
+    MOST_OPEN_LOOPS,
+    OPEN_LOOP,
+    PredictedBelief,
+    goal_pose,
+    propagate_by,
+    updated,
+)
 from activeslam_gym.information.criteria import CRITERIA, Criterion
 from activeslam_gym.kernels import Record
 from activeslam_gym.linalg import cholesky_in_place, log2_det
@@ -36,7 +43,7 @@ def score_plans_with(
     is not positive definite, or P not finite, the score is NaN.
     """
     (out, position_std), net = np.zeros((2, len(plans))), criterion == "net_information"
-    function = part_of("criterion", criterion, CRITERIA)
+    function, known = part_of("criterion", criterion, CRITERIA), np.zeros(MOST_OPEN_LOOPS, OPEN_LOOP)
     for a, plan in enumerate(plans):
         P, pose, elapsed = belief.covariance, belief.camera, 0
         for action in plan:
@@ -45,7 +52,7 @@ def score_plans_with(
             turn = turn_of(motion, int(action["gaze"]), time + elapsed * float(motion.dt))
             taken = min(int(action["frames"]), frames - elapsed) if net else int(action["frames"])
             before, P = P, P.copy()
-            propagate_by(motion, P, turn, taken)
+            propagate_by(motion, P, turn, taken, known)
             if net:
                 position_std[a] = max(position_std[a], math.sqrt(max(np.trace(P[POSITION, POSITION]), 0.0)))
                 out[a] -= 0.5 * (log2_det(P) - log2_det(before))

@@ -8,6 +8,7 @@ import numpy as np
 
 from activeslam_gym.config import Scenario
 from activeslam_gym.information.candidates import (
+    OPEN_LOOP,
     PredictedBelief,
     SensorLimits,
     motion_plans,
@@ -95,6 +96,7 @@ class Adviser:
         self.expected, self._motion = ExpectedMap(scenario, front_end, seed), motion_of(scenario, PERIOD)
         self._frames = max(2, round(PERIOD / scenario.frame_time))
         self._plans, self._criterion = motion_plans(self._frames), list(CRITERIA).index(CRITERION)
+        self._open_loops = np.zeros(1, OPEN_LOOP)  # all motions' alike
         slots = min(self._frames - 1, MOTION_COUNT)
         self._turn = self._frames - slots + np.arange(MOTION_COUNT) * slots // MOTION_COUNT
         self._phase, self._pending = 0, np.full(MOTION_COUNT, np.nan)
@@ -120,8 +122,9 @@ class Adviser:
 
     def _score(self, motion: int) -> float:
         """Mutual information of ``motion`` [bit]; NaN where the covariance is not positive definite."""
-        out, plan, expected = np.empty(1), self._plans[motion : motion + 1], self.expected
-        score_plans(expected.camera, self._motion, expected.predicted_belief(), 0.0, plan, self._criterion, out)
+        out, plan, lens = np.empty(1), self._plans[motion : motion + 1], self.expected.camera
+        belief = self.expected.predicted_belief()
+        score_plans(lens, self._motion, belief, 0.0, plan, self._criterion, self._open_loops, out)
         return float(out[0])
 
 

@@ -116,7 +116,7 @@ def scores_of(belief: c.PredictedBelief, plans: np.ndarray, criterion: str = "mu
     if criterion == "net_information":
         net_of_plans(CAMERA, MOTION, belief, 0.0, 10**6, plans, out, np.empty(len(plans)))
         return out
-    c.score_plans(CAMERA, MOTION, belief, 0.0, plans, list(CRITERIA).index(criterion), out)
+    c.score_plans(CAMERA, MOTION, belief, 0.0, plans, list(CRITERIA).index(criterion), np.zeros(1, c.OPEN_LOOP), out)
     return out
 
 
@@ -199,7 +199,9 @@ def test_an_environments_scores_are_scores_of_plans() -> None:
     for _ in range(8):
         env.step((Motion.LEFT, 1))
     motion, frames, out = motion_of(env.scenario, env.motion_period), 20, np.empty(21)
-    c.score_plans(CAMERA, motion, env.predicted_belief, env.time, c.joint_plans(frames), 0, out)
+    c.score_plans(
+        CAMERA, motion, env.predicted_belief, env.time, c.joint_plans(frames), 0, np.zeros(1, c.OPEN_LOOP), out
+    )
     np.testing.assert_array_equal(env.scores(c.joint_plans(frames), [*CRITERIA][0]), out)
     for name in CRITERIA:
         joint = env.scores(c.joint_plans(frames), name).reshape(3, 7).T

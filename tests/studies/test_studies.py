@@ -15,7 +15,7 @@ from scipy.stats import multivariate_normal, norm
 import baselines
 from activeslam_gym import SCENARIOS, Motion, Scenario
 from activeslam_gym.evaluation import TARGET, run_episode
-from activeslam_gym.information.candidates import motion_plans, score_plans
+from activeslam_gym.information.candidates import OPEN_LOOP, motion_plans, score_plans
 from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.metrics import CLOSURE_GAP, LoopClosures
 from agents import task as tasks
@@ -144,7 +144,16 @@ def test_expected_landmarks_that_no_camera_sees_are_in_no_score() -> None:
     rest = whole._replace(points=whole.points[: -whole.waiting], covariance=P, waiting=0)
     for criterion in ("mutual_information", "fisher_trace"):
         without, plans = np.empty(len(Motion)), motion_plans(20)
-        score_plans(models.lens, models.motion, rest, 0.0, plans, list(CRITERIA).index(criterion), without)
+        score_plans(
+            models.lens,
+            models.motion,
+            rest,
+            0.0,
+            plans,
+            list(CRITERIA).index(criterion),
+            np.zeros(1, OPEN_LOOP),
+            without,
+        )
         np.testing.assert_array_equal(core.motion_scores(criterion), without)
     assert (before > core.motion_scores("mutual_information")).any()
 

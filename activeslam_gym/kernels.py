@@ -8,23 +8,37 @@ its own, and going back to the old content finds the old kernels again. Edits of
 import contextlib
 import functools
 import gc
+import os
+import sys
+import threading
 from collections.abc import Callable, Iterator
 from operator import getitem
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-from numba import config as _numba_config
-from numba import njit
-from numba.core.compiler_lock import global_compiler_lock
-
-from .linking import borrowed as _borrowed
-from .linking import keep, link
 
 Tree = TypeVar("Tree", bound=tuple)
 
-_CONFIG: Any = _numba_config
-borrowed: Any = (lambda array: array) if _CONFIG.DISABLE_JIT else _borrowed
-"""For kernels: an array without the owner whose references Numba counts; see `linking`."""
+_LOCK = threading.Lock()
+
+
+def _is_disabled() -> bool:
+    """Whether Numba is not to compile."""
+    if "numba" in sys.modules:
+        return bool(sys.modules["numba"].config.DISABLE_JIT)
+    return os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
+
+
+_DISABLED = _is_disabled()
+
+
+def borrowed(array: np.ndarray) -> np.ndarray:
+    """For kernels: an array without the owner whose references Numba counts; see `linking`."""
+    return array
+
+
+_to_link: list[tuple[Any, Any, dict[str, Any]]] = [(borrowed, None, {})]
+"""What kernels may call, its function and options: linked before a compilation. So an import takes no Numba in."""
 
 
 def compiled(function: Any = None, **options: Any) -> Any:
@@ -35,7 +49,7 @@ def compiled(function: Any = None, **options: Any) -> Any:
     """
     if function is None:
         return functools.partial(compiled, **options)
-    if _CONFIG.DISABLE_JIT:
+    if _DISABLED:
         return function
 
     @functools.wraps(function)
@@ -43,33 +57,56 @@ def compiled(function: Any = None, **options: Any) -> Any:
         return call.kernel(*arguments, **named)  # type: ignore[attr-defined]
 
     call.kernel = functools.partial(_first_call, call, function, options)  # type: ignore[attr-defined]
-    link(call, function, **options)
+    _to_link.append((call, function, options))
     return call
 
 
 def _first_call(call: Any, function: Any, options: dict[str, Any], *arguments: Any, **named: Any) -> Any:
     """Make the kernel of ``call`` and run it. At the import, most of the time would go into those never called."""
-    with global_compiler_lock:  # of several threads, one makes it
+    with _LOCK:  # of several threads, one makes it
         if isinstance(call.kernel, functools.partial):
-            kernel = njit(nogil=True, error_model="numpy", **options)(function)  # a division by zero is no exception
-            kernel.compile = _compiling()(kernel.compile)
-            keep(kernel, function)
+            from numba import njit
+
+            from .linking import keep
+
+            kernel: Any = njit(nogil=True, error_model="numpy", **options)(function)  # dividing by zero is no exception
+            if kernel is not function:  # which a file of settings may ask of Numba
+                kernel.compile = _compiling()(kernel.compile)
+                kernel._compiler.compile = functools.partial(_compile, kernel._compiler.compile)
+                keep(kernel, function)
             call.kernel = kernel
     return call.kernel(*arguments, **named)
+
+
+def _compile(compile: Any, *arguments: Any) -> Any:
+    """What is not on disk: Numba's ``compile``, after all that kernels may call was linked."""
+    from .linking import link, link_borrowed
+
+    while _to_link:
+        call, function, options = _to_link.pop()
+        if function is None:
+            link_borrowed(call)
+        else:
+            link(call, function, **options)
+    return compile(*arguments)
 
 
 @contextlib.contextmanager
 def _compiling() -> Iterator[None]:
     """Without Python's garbage collector: a tenth faster, with a peak of 0.9 GB of memory in place of 0.5. With LLVM's
     first level of optimisation: another 7 %, and kernels as fast, with equal results."""
+    from numba import config
+    from numba.core.compiler_lock import global_compiler_lock
+
+    settings: Any = config
     with global_compiler_lock:  # another thread that compiles has both settings as they were
-        was_enabled, level = gc.isenabled(), _CONFIG.OPT
+        was_enabled, level = gc.isenabled(), settings.OPT
         gc.disable()
-        _CONFIG.OPT = type(level)(min(level, 1))
+        settings.OPT = type(level)(min(level, 1))
         try:
             yield
         finally:
-            _CONFIG.OPT = level
+            settings.OPT = level
             if was_enabled:
                 gc.enable()
 
@@ -92,7 +129,9 @@ def inlined(function: Any) -> Any:
 
     For those that make one run's records and arrays from a batch's: Numba cannot return a record.
     """
-    return function if _CONFIG.DISABLE_JIT else njit(inline="always", error_model="numpy")(function)
+    function.targetoptions, function.py_func = {"inline": "always"}, function  # as of Numba's dispatcher
+    _to_link.append((function, function, {}))
+    return function
 
 
 def row(tree: Tree, i: int | slice) -> Tree:
@@ -167,6 +206,5 @@ def one_of(functions: Any) -> Any:
     choose = made["choose"]
     # A name of its own: kernels that two processes compiled are linked by names, and would take each other's choice.
     choose.__qualname__ = "_".join(("one_of", functions[0].__module__, *(one.__name__ for one in functions)))
-    if not _CONFIG.DISABLE_JIT:
-        link(choose, choose)
+    _to_link.append((choose, choose, {}))
     return choose

@@ -24,8 +24,8 @@ from numba.core.caching import FunctionCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.serialize import dumps
-from numba.core.typing.templates import infer_global
-from numba.extending import intrinsic, lower_cast
+from numba.core.typing.templates import infer_global, make_intrinsic_template
+from numba.extending import lower_cast
 
 from .files import written_whole
 
@@ -72,12 +72,16 @@ def link(call: Any, function: Callable[..., Any], **options: Any) -> None:
     infer_global(call, types.Dispatcher(call.part))
 
 
-@intrinsic
-def borrowed(_: Any, array: Any) -> Any:
-    """Of an array in a kernel: the same numbers, without the owner whose references Numba counts.
+def link_borrowed(call: Any) -> None:
+    """In kernels, ``call`` gives the numbers of an array without the owner whose references Numba counts.
 
     The kernel's caller holds the array for as long as the kernel runs.
     """
+    infer_global(call, types.Function(make_intrinsic_template(call, _borrowed, call.__name__)))
+
+
+def _borrowed(_: Any, array: Any) -> Any:
+    """The type, and how it is compiled."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         view = context.make_array(signature.return_type)(context, builder, value=arguments[0])

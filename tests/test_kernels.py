@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 import pytest
 from numba import config
-from numba.core.dispatcher import Dispatcher
 from numba.core.errors import TypingError
 
 from activeslam_gym import geometry, kernels, linking
@@ -57,9 +56,9 @@ def modules_with_kernels() -> list[ModuleType]:
 def compiled_functions(module: ModuleType) -> Iterator[Any]:
     """The Python functions of a module that are compiled."""
     for value in vars(module).values():
-        part = getattr(value, "part", value)
-        if isinstance(part, Dispatcher) and part.py_func.__module__ == module.__name__:
-            yield part.py_func
+        function = getattr(value, "py_func", getattr(value, "__wrapped__", None))  # of `inlined`, of `compiled`
+        if function is not None and function.__module__ == module.__name__:
+            yield function
 
 
 def homes(module: ModuleType) -> dict[str, str]:

@@ -22,7 +22,7 @@ LEARNERS = ["torch", "stable_baselines3"]
 
 
 @pytest.mark.parametrize(("module", "too_slow"), [
-    ("activeslam_gym", [*LEARNERS, "matplotlib", "scipy.stats", "scipy.linalg", "cv2"]),
+    ("activeslam_gym", [*LEARNERS, "matplotlib", "numba", "scipy.stats", "scipy.linalg", "cv2"]),
     ("activeslam_gym.vision.track", [*LEARNERS, "matplotlib", "scipy.stats", "cv2"]),
     ("baselines", [*LEARNERS, "matplotlib", "scipy.stats", "scipy.linalg"]),
     ("agents.compare", LEARNERS),  # compare works without them

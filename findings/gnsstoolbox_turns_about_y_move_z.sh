@@ -4,7 +4,6 @@
 # Sydney by 2550 km. No angle takes a turn back.
 # Law: a rotation keeps lengths, and the turn by the opposite angle undoes it. SciPy 1.17.1 has the matrix. The
 # library's own `toolRotX` and `toolRotZ` agree with it.
-# Upstream: no issue of gitlab.com/jbeilin/pygnsstoolbox that was found tells it.
 # Points of the plane of X and Z are right. For all others, take Y off the third coordinate of the result.
 # Prints lengths, errors, and the way there and back for three places, and fails if that changes.
 set -euo pipefail

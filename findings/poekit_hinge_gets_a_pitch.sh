@@ -7,7 +7,6 @@
 # solution, and NumPy raises an error. If they sum to little, motions are metres off.
 # Law: the exponential of the twist is the motion, by SciPy 1.17.1. A turn about a fixed axis has the pitch zero in each
 # frame, and the library's own `joint_2_twist` and `twist_pitch` agree.
-# Upstream: no issue of github.com/VibhuSharma19/poekit that was found tells it.
 # Axis and angle are right. The library's `exp_screw` leaves out the pitch, so the way there and back does not show it.
 # Prints pitches and errors for a door in three frames, and for other axes, and fails if that changes.
 set -euo pipefail

@@ -9,8 +9,11 @@ from traceback import extract_tb
 from typing import Any
 from zipfile import ZipFile
 
+import numpy as np
+
 import baselines
-from activeslam_gym.config import did_you_mean
+from activeslam_gym import core_of
+from activeslam_gym.config import did_you_mean, positive_number, whole_multiple
 from activeslam_gym.evaluation import Predictor, bound
 from activeslam_gym.evaluation.code import digest
 from agents.learn import weights
@@ -32,7 +35,8 @@ def load(name: str | PathLike[str], env: Environment, seed: int | Sequence[int] 
     if ":" in name:
         return bound(_imported(name), env)
     if (path := file_of(name)) and path.suffix == ".zip":
-        return _saved_model(path, env)
+        policy, period = _saved_model(path, env), period_of(name)
+        return Held(policy, env, period) if period else policy
     if path:
         from agents.learn.policy import LearnedPolicy
 
@@ -57,14 +61,38 @@ def _saved_model(path: Path, env: Environment) -> Predictor:
     from stable_baselines3.common.save_util import load_from_zip_file
 
     data, parameters, _ = load_from_zip_file(path, device="cpu")
-    observed, here = data["observation_space"], getattr(env, "single_observation_space", env.observation_space)
-    if observed != here:
-        raise ValueError(f"it observes {observed}, the environment is of {here}; allowed: the same, or a factory")
+    spaces = [data[name] for name in ("observation_space", "action_space")]
+    here = [getattr(env, f"single_{name}", getattr(env, name)) for name in ("observation_space", "action_space")]
+    for does, its, other in zip(("observes", "acts in"), spaces, here):
+        if its != other:
+            raise ValueError(f"it {does} {its}, the environment is of {other}; allowed: the same, or a factory")
     own = data["policy_kwargs"] | ({"use_sde": True} if data.get("use_sde") else {})
-    policy = data["policy_class"](observed, data["action_space"], lambda _: 0.0, **own)
+    policy = data["policy_class"](*spaces, lambda _: 0.0, **own)
     policy.load_state_dict(parameters["policy"])
     policy.set_training_mode(False)
     return policy
+
+
+class Held:
+    """A ``policy`` that decides every ``period`` seconds of its environment, and holds its action in between."""
+
+    def __init__(self, policy: Predictor, env: Environment, period: float) -> None:
+        self._policy, self._env = policy, core_of(env)
+        self._steps = whole_multiple("decision_period", period, "gaze_period", self._env.gaze_period)
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Any, Any]:
+        """Return the action, and as ``state`` that action beside the policy's own state."""
+        due = np.round(np.atleast_1d(self._env.time) / self._env.gaze_period).astype(int) % self._steps == 0
+        held, own = state or (None, None)
+        if held is not None and not due.any():
+            return held, state
+        action, new = self._policy.predict(observation, own, episode_start, deterministic)
+        if held is not None and not due.all():  # of a batch, some
+            action = np.where(due.reshape(-1, *(1,) * (np.ndim(action) - 1)), action, held)
+            new = new and tuple(np.where(due[:, None], one, old) for one, old in zip(new, own))
+        return action, (action, new)
 
 
 def _imported(name: str) -> Any:
@@ -101,6 +129,16 @@ def actions_of(name: str) -> str:
             space = json.loads(model.read("data"))["action_space"][":type:"]
             return "Continuous" if ".Box" in space else "Discrete" if ".Discrete" in space else ""
     return "Continuous" if path and weights.read_card(path)["algorithm"] == "sac" else ""
+
+
+def period_of(name: str) -> float | None:
+    """Seconds between the decisions of a saved model, ``decision_period`` of the card beside it; None without one."""
+    card = Path(name).with_suffix(".json")
+    if not name.endswith(".zip") or not card.is_file():
+        return None
+    with reading(card):
+        period = dict(json.loads(card.read_text(encoding="utf-8"))).get("decision_period")
+        return None if period is None else positive_number("decision_period", period, "seconds")
 
 
 def content(name: str) -> str:

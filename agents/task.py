@@ -20,6 +20,7 @@ from activeslam_gym.evaluation.code import digest, foreign_modules, own_files, p
 from activeslam_gym.evaluation.store import Arrays, run_all
 from agents import policies
 from agents.tools.arguments import made_scenario
+from agents.tools.sections import in_a_line
 
 ENVIRONMENT, IMAGES = "ActiveSLAM-v0", "ActiveSLAMPixels-v0"
 SAMPLE_PERIOD = 1.0  # between the samples of an episode that is not kept whole [s]
@@ -154,7 +155,8 @@ def run_policy(
 def check(tasks: Iterable[Task]) -> None:
     """Every policy of the tasks takes a step in its environment, so that a mistake is reported before any episode.
 
-    Kernels are then compiled, once, before processes start. A user's code runs in a process of its own.
+    Kernels are then compiled, once, before processes start. A user's code runs in a process of its own. The rate at
+    which a saved model decides is printed: its file does not have that of its training.
 
     Raises:
         ValueError: an unknown policy, one that fails, or a bad argument of an environment.
@@ -164,6 +166,17 @@ def check(tasks: Iterable[Task]) -> None:
         policies.require_known(policy)
     apart = any(policies.holds_code(task.policy) for (task,) in steps.values())
     list(run_all(_step_once, list(steps.values()), 1, None, apart))
+    for line in dict.fromkeys(_rate(*step) for step in steps if step[0].endswith(".zip")):
+        print(in_a_line(line), flush=True)
+
+
+def _rate(policy: str, settings: str) -> str:
+    """At which rate a saved model is played, and how to choose another."""
+    if period := policies.period_of(policy):
+        return f"{policy} decides every {period:g} s, as the card beside it says."
+    own, card = _resolved(settings)["gaze_period"], Path(policy).with_suffix(".json").name
+    other = f'--gaze-period, or {{"decision_period": …}} in {card}'
+    return f"{policy} decides every {own:g} s. Was it trained at another rate? {other}."
 
 
 def _step_once(tasks: tuple[Task]) -> None:

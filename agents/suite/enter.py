@@ -136,14 +136,17 @@ def _check_policies(args: Args, of: Suite) -> None:
 
 
 def _beside(names: Sequence[str], folder: Path) -> list[str]:
-    """The policies' names; of files, those of their copies in the entry's folder, of weights with their cards."""
+    """The policies' names; of files, those of their copies in the entry's folder, with their cards."""
     beside, files = list(names), []
     for i, name in enumerate(names):  # all are read before any is written: they may lie in that folder
         if path := policies.file_of(name):
             beside[i] = str(folder / f"policy-{i}{path.suffix}")
-            files.append((Path(beside[i]), path.read_bytes(), read_card(path) if path_of(name) else None))
+            period = policies.period_of(name)
+            card = read_card(path) if path_of(name) else {"decision_period": period} if period else None
+            files.append((Path(beside[i]), path.read_bytes(), card))
     for copy, content, card in files:
         copy.write_bytes(content)
+        copy.with_suffix(".json").unlink(missing_ok=True)  # of an entry before
         if card is not None:
             write_json(copy.with_suffix(".json"), card)
     return beside

@@ -12,6 +12,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.wrappers import RescaleAction
 
 import baselines
 from activeslam_gym import Gaze, Motion
@@ -21,8 +22,9 @@ from agents import policies
 from agents import task as tasks
 from agents.__main__ import main
 from agents.compare import Args, compare
+from agents.suite.enter import _beside
 from agents.summary import Aggregate, aggregate, paired_rmse, summarise
-from agents.task import Task, play_tasks
+from agents.task import Task, check, play_tasks
 from agents.tools.files import write_csv, write_json
 from tests.support import until
 
@@ -151,7 +153,7 @@ def test_a_policy_that_ends_the_process_is_a_failure_with_its_name(
     assert f"own_policies:{how}" in capsys.readouterr().err
 
 
-def test_a_model_of_stable_baselines_is_a_policy(tmp_path: Path) -> None:
+def test_a_model_of_stable_baselines_is_a_policy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     sb3 = pytest.importorskip("stable_baselines3")
     path = tmp_path / "model.zip"
     for id, kind, seed in (("", "PPO", 0), ("Continuous", "SAC", 0), ("Discrete", "DQN", 0), ("Discrete", "DQN", 1)):
@@ -166,6 +168,18 @@ def test_a_model_of_stable_baselines_is_a_policy(tmp_path: Path) -> None:
         contents = policies.content(str(path))
     sb3.DQN("MlpPolicy", env, seed=9, buffer_size=10).save(path)
     assert policies.content(str(path)) != contents
+
+    sb3.PPO("MlpPolicy", gym.make("ActiveSLAM-v0"), seed=3, policy_kwargs={"net_arch": [8]}).save(path)
+    path.with_suffix(".json").write_text('{"decision_period": 0.5}')
+    (copy,) = _beside([str(path)], tmp_path)  # as an entry has it
+    slow, fast = (json.dumps({"duration": 3.0, "gaze_period": period}) for period in (0.5, 0.25))
+    check([Task(copy, 4, fast)])
+    assert "policy-0.zip decides every 0.5 s" in capsys.readouterr().out
+    (once,), (_, held) = play_tasks([Task(copy, 4, slow)]), play_tasks([Task(copy, seed, fast) for seed in (3, 4)])
+    np.testing.assert_array_equal(np.repeat(once["actions"], 2, axis=0), held["actions"])
+    sb3.PPO("MlpPolicy", RescaleAction(gym.make("ActiveSLAMContinuous-v0"), *np.float32([-2.0, 2.0]))).save(path)
+    with pytest.raises(ValueError, match="acts in Box"):
+        play_tasks([Task(str(path), 3, slow)])
     path.write_bytes(path.read_bytes()[:-300])
     with pytest.raises(ValueError, match="model.zip"):
         policies.actions_of(str(path))

@@ -20,6 +20,14 @@ Actions = NDArray[np.int64]
 Environment = gym.Env | gym.vector.VectorEnv
 
 
+SPACES = (
+    gym.spaces.MultiDiscrete([len(Motion), len(Gaze)]),
+    gym.spaces.Discrete(len(Motion) * len(Gaze)),
+    gym.spaces.Box(-1.0, 1.0, COMMANDS.shape[2:], np.float32),
+)
+"""Of pairs, indices and points."""
+
+
 def best(scores: ArrayLike) -> Actions:
     """Index of the best score along the last axis, (..., n) -> (...); ties within `TIE` go to STAY, the last one.
 
@@ -29,6 +37,14 @@ def best(scores: ArrayLike) -> Actions:
     scores = np.where(np.isnan(scores), -np.inf, scores)
     stay_ties = scores[..., -1] >= scores.max(axis=-1) - TIE
     return np.where(stay_ties, scores.shape[-1] - 1, scores.argmax(axis=-1))
+
+
+def action_space_of(env: Environment) -> gym.Space:
+    """The space of one environment's actions. Raises ValueError where a wrapper has changed it."""
+    space: gym.Space = getattr(env, "single_action_space", env.action_space)
+    if space not in SPACES:
+        raise ValueError(f"env: its actions are {space}; allowed: {', '.join(map(str, SPACES))}")
+    return space
 
 
 def actions_in(space: gym.Space, chosen: Actions) -> NDArray[Any]:
@@ -51,7 +67,9 @@ class Policy(ABC):
 
     def __init__(self, env: Environment) -> None:
         self.env = core_of(env)
-        self.space: gym.Space = getattr(env, "single_action_space", env.action_space)
+        self.space = action_space_of(env)
+        observed = getattr(env, "single_observation_space", getattr(env, "observation_space", None))
+        self._observed_axes = len(getattr(observed, "shape", None) or (0,))
         self.batched = hasattr(self.env, "num_envs")
         self.num_envs: int = getattr(self.env, "num_envs", 1)
         self.motion: Actions = np.full(self.num_envs, Motion.STAY, dtype=np.int64)
@@ -76,20 +94,22 @@ class Policy(ABC):
     ) -> tuple[Any, Any]:
         """Return the action for the environment's present belief, and `state` untouched.
 
-        `observation` gives the shape alone: (D,) -> (2,), (B, D) -> (B, 2); with the discrete action space a scalar
-        or (B,), index 3 motion + gaze, and with the continuous one the points (4,) or (B, 4) of it that they are.
+        `observation` gives the shape alone: (D,), or what a wrapper makes of it, -> (2,), (B, D) -> (B, 2); with the
+        discrete action space a scalar or (B,), index 3 motion + gaze, and with the continuous one the points (4,) or
+        (B, 4) of it that they are.
         `episode_start` and `deterministic` are there for the callers that pass them.
         Raises ValueError when the leading axis is not the number of environments.
         """
         shape = np.shape(observation)
-        batch = shape[0] if len(shape) > 1 else 1
+        has_axis = len(shape) > self._observed_axes
+        batch = shape[0] if has_axis else 1
         if batch != self.num_envs:
             raise ValueError(
                 f"observation: of shape {shape}, {batch} environment(s); allowed: the {self.num_envs} "
                 "to which the policy is bound"
             )
         actions = actions_in(self.space, self.decide())
-        return (actions if len(shape) > 1 else actions[0]), state
+        return (actions if has_axis else actions[0]), state
 
     def motion_starts(self) -> NDArray[np.bool_]:
         """(B,) true where the next step reads its motion."""

@@ -17,7 +17,7 @@ from activeslam_gym import Gaze, Motion, ObservationLayout, core_of, observation
 from activeslam_gym.config import whole_multiple
 from activeslam_gym.motion import nearest_gaze, nearest_motion
 from agents.learn.inputs import Inputs
-from baselines.policy import Environment, actions_in
+from baselines.policy import Environment, action_space_of, actions_in
 
 TOKEN_WIDTH = 64  # most units of the hidden layer of tokens in new networks
 
@@ -94,7 +94,7 @@ class LearnedPolicy:
             raise ValueError(f"width: {card['width']}, which is not that of the weights")
         self._inputs = Inputs(observation_layout(env), firsts[0].shape[1])
         self._network = network_of(self._inputs.layout, weights, card)
-        self._space = getattr(self._env, "single_action_space", self._env.action_space)
+        self._space = action_space_of(env)
 
     def predict(
         self, observation: np.ndarray, state: Any = None, episode_start: Any = None, deterministic: bool = True

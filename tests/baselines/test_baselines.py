@@ -92,6 +92,16 @@ def test_takes_the_best_action(name: str, leading: tuple[int, ...]) -> None:
     np.testing.assert_array_equal(action, np.broadcast_to(BEST[name], (*leading, 2)))
 
 
+def test_a_wrapper_may_change_the_observation_but_not_the_actions() -> None:
+    env: Any = gym.wrappers.FrameStackObservation(gym.make("ActiveSLAM-v0"), 3)
+    assert act(baselines.make("mi-mi", env), env.reset(seed=0)[0]) in env.action_space
+    for space in (gym.spaces.Discrete(7), gym.spaces.MultiDiscrete([4, 3]), gym.spaces.Box(-2, 2, (4,), np.float32)):
+        env = ScoredEnv()
+        env.action_space = space
+        with pytest.raises(ValueError, match="its actions are"):
+            baselines.make("mi-mi", env)
+
+
 def test_the_readings_of_scenarios_are_those_chosen_on_training_episodes() -> None:
     table = json.loads(readings.TABLE.read_text(encoding="utf-8"))
     assert len(table) >= 10

@@ -10,6 +10,7 @@ panel. The policies play the validation episodes once, and stand as lines.
 import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -67,7 +68,7 @@ def draw(curves: Curves, policies: Mapping[str, Mapping[str, Aggregate]], path: 
         for learner, seeds in learners.items():
             for j, one in enumerate(seeds):
                 axes.plot(one[:, 0], one[:, 1], color=colours[learner], linewidth=1.2, label=None if j else learner)
-        for style, (policy, score) in zip(("--", ":", "-.", (0, (1, 4))), policies[scenario].items()):
+        for style, (policy, score) in zip(cycle(("--", ":", "-.", (0, (1, 4)))), policies[scenario].items()):
             axes.axhline(score.value, color="0.4", linestyle=style, linewidth=1.0, label=policy)
         axes.set(title=scenario, xlabel="decisions", ylabel="log score [bit], validation")
     for axes in grid.flat[len(curves) :]:

@@ -15,7 +15,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from activeslam_gym.config import benchmark_seed, scenario_from
+from activeslam_gym.config import benchmark_seed
+from agents.learn.recipe import trained_scenario
 from agents.summary import aggregate
 from agents.tools.files import write_csv
 from agents.tools.sections import table
@@ -72,9 +73,10 @@ def main(args: Args) -> None:
     rows: list[list[str]] = []
     lines: list[dict[str, Any]] = []
     for name in args.scenarios:
-        first, decisions = benchmark_seed(name, validation=True), round(scenario_from(name).duration)
+        scenario = trained_scenario(name)
+        first, decisions = benchmark_seed(name, validation=True), round(scenario.duration)
         given: dict[str, Any] = {"autoreset_mode": "DISABLED", "gaze_period": 1.0, "end_when_lost": False}
-        with closing(gym.make_vec("ActiveSLAM-v0", num_envs=SAMPLES, scenario=name, **given)) as env:
+        with closing(gym.make_vec("ActiveSLAM-v0", num_envs=SAMPLES, scenario=scenario, **given)) as env:
             found = [search(env, first + k, decisions) for k in range(args.episodes)]
         reference = aggregate(found, "IQM")
         for policy, episodes in args.in_validation(name, args.policies).items():

@@ -19,6 +19,8 @@ from activeslam_gym.information.candidates import OPEN_LOOP, motion_plans, score
 from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.metrics import CLOSURE_GAP, LoopClosures
 from agents import task as tasks
+from agents.learn.recipe import trained_scenario
+from agents.summary import aggregate
 from examples.extend_range_sensor import RangeSensor
 from studies import consistency, measures, paper, settings_of
 from studies.removals import REMOVALS
@@ -34,7 +36,7 @@ from activeslam_gym.live.source import ROOM, STILL, RenderedRoom
 from activeslam_gym.live.trial import Evaluator, trial
 from activeslam_gym.metrics import camera_error, write_tum
 from activeslam_gym.slam.estimate import taken_estimate
-from studies import excerpts, live
+from studies import excerpts, learning, live, upper_reference
 
 PACKAGE = Path(__file__).parents[2] / "activeslam_gym"
 
@@ -83,6 +85,21 @@ def test_differences_are_of_the_same_episodes() -> None:
     found = compared(episodes(0, 100.0, range(20)), episodes(1, -50.0, range(10, 40)))
     assert found["episodes"] == found["under_zero"] == 10
     assert found["lost"] == found["lost_low"] == 100.0 and found["score"] == found["score_high"] == -0.5
+
+
+def test_the_reference_is_of_the_scenario_that_the_policies_play(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of images it was searched with points."""
+    searched: list[Scenario] = []
+    monkeypatch.setattr(upper_reference, "search", lambda env, *_: searched.append(env.scenario) or 1.0)
+    upper_reference.main(upper_reference.Args(scenarios=("corner-pixels",), policies=(), episodes=1))
+    assert searched == [trained_scenario("corner-pixels")]
+
+
+def test_learning_curves_show_every_policy(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[Any] = []
+    monkeypatch.setattr(learning, "save_figure", lambda figure, _: drawn.append(figure))
+    learning.draw({"office": {}}, {"office": {name: aggregate([1.0], "IQM") for name in "abcde"}}, Path())
+    assert len(drawn[0].axes[0].lines) == 5
 
 
 def environment(duration: float = 3.0) -> gym.Env:

@@ -43,9 +43,9 @@ class BestWeights(BaseCallback):
     """Keeps checkpoints of a learner, and its best weights and their card.
 
     Every `period` decisions, and at the end, the deterministic policy plays the validation episodes of each scenario,
-    one in each environment of ``batches``. The mean return, in the reward's own unit and at least `FLOOR` an episode,
-    chooses the weights; the failure penalty counts as in training. Of several scenarios, each mean is divided by the
-    number of estimated dimensions, relative to `paper`.
+    one in each environment of ``batches``. A score chooses the weights: the mean return, in the reward's own unit and
+    at least `FLOOR` an episode, where the failure penalty counts as in training. Of several scenarios, each mean is
+    divided by the number of estimated dimensions, relative to `paper`.
     """
 
     def __init__(self, args: Args, learner: Any, batches: Mapping[str, VecEnv]) -> None:
@@ -130,7 +130,7 @@ class BestWeights(BaseCallback):
 
     def _visit(self) -> None:
         """Play the validation episodes, keep the weights if they are the best so far, and add rows to the curve."""
-        means, failed = {}, []
+        means, rewards, failed = {}, [], []
         for name, batch in self.batches.items():
             returns, infos = self._validation(name, batch)
             penalties = np.array([info["reward_terms"]["lost_penalty"] for info in infos])
@@ -138,17 +138,19 @@ class BestWeights(BaseCallback):
             failed.append(float(np.mean([info["lost"] or info["log_score"] < 0.0 for info in infos])))
             score = float(interquartile_mean(np.array([info["log_score"] for info in infos])))
             self._add_to_curve(name, len(infos), score, failed[-1])
-            self.logger.record(f"eval/{name}/mean_reward", float(np.mean(returns)))
+            rewards.append(float(np.mean(returns)))
+            self.logger.record(f"eval/{name}/mean_reward", rewards[-1])
         several = len(means) > 1
         units = [dimensions(name) / dimensions("paper") if several else 1.0 for name in means]
         found = float(np.mean(np.array(list(means.values())) / units))
-        self.logger.record("eval/mean_reward", found)
+        self.logger.record("eval/mean_reward", float(np.mean(rewards)))
+        self.logger.record("eval/score", found)
         self.logger.dump(self.num_timesteps)
         if better := found > self.best:
             self.best = found
             self.keep(found)
         each = ", ".join(f"{name} {mean:.0f}" for name, mean in means.items())
-        message = f"mean return {found:.0f}{f' ({each})' if several else ''}, failures {100 * np.mean(failed):.0f} %"
+        message = f"score {found:.0f}{f' ({each})' if several else ''}, failures {100 * np.mean(failed):.0f} %"
         done = f"{self.num_timesteps:>9,} decisions, {self.seconds():,.0f} s"
         self.visited = self.num_timesteps
         self.bar.write(f"{done}: validation: {message}{'; kept' if better else ''}")

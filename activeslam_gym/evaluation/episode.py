@@ -248,7 +248,8 @@ def play(
     start and end are always sampled.
 
     Raises:
-        ValueError: the seeds are not as many as the environments, or those do not end together.
+        ValueError: seeds or observers are not as many as the environments, or those do not end together; or the
+            policy does not return an action and a state.
     """
     core: Any = env.unwrapped
     policy = bound(policy, env)
@@ -256,6 +257,8 @@ def play(
     rows = [core.run(i) for i in range(core.num_envs)] if batched else [core]
     if len(seeds) != len(rows):
         raise ValueError(f"seeds: {len(seeds)} of them; allowed: {len(rows)}, as many as environments")
+    if observers and len(observers) != len(rows):
+        raise ValueError(f"observers: {len(observers)} lists; allowed: {len(rows)}, as many as environments")
     if batched and core.autoreset_mode is not AutoresetMode.DISABLED:
         raise ValueError(f"env: autoreset_mode {core.autoreset_mode.name}; allowed: DISABLED")
     recorder = _Recorder(rows, batched, observers, sample_period)
@@ -265,12 +268,16 @@ def play(
     while not over.any():
         reads, begun = np.atleast_1d(core.motion_phase == 0), perf_counter()
         start = np.full(len(rows), first)
-        action, state = policy.predict(observation, state=state, episode_start=start, deterministic=True)
+        answer = policy.predict(observation, state=state, episode_start=start, deterministic=True)
         spent = 1e6 * (perf_counter() - begun) / len(rows)
+        is_pair = isinstance(answer, (tuple, list)) and len(answer) == 2
+        if not is_pair or env.action_space.shape and all(map(np.isscalar, answer)):  # a motion and a gaze
+            raise ValueError(f"predict must return (action, state), got {answer!r:.200}")
+        action, state = answer
         observation, reward, terminated, truncated, infos = env.step(action)
         first, over = False, np.atleast_1d(np.logical_or(terminated, truncated))
         paid = np.atleast_1d(np.asarray(reward, float))
-        recorder.steps.append((_motions_and_gazes(action, batched), reads, paid, spent))
+        recorder.steps.append((_motions_and_gazes(action, len(rows)), reads, paid, spent))
         recorder.see(infos, bool(over.any()))
     if not over.all():
         raise ValueError("env: its episodes do not end together; allowed: a batch with end_when_lost=False")
@@ -367,11 +374,11 @@ def _final(core: Any) -> dict[str, Array]:
     }
 
 
-def _motions_and_gazes(action: Any, batched: bool) -> Array:
-    """(R, 2) motions and gazes of actions: pairs, integers of the discrete action space, or the nearest of points."""
-    if np.ndim(action) == int(batched):
-        action = np.stack(np.divmod(action, len(Gaze)), axis=-1)
-    rows = np.atleast_2d(action)
+def _motions_and_gazes(actions: Any, count: int) -> Array:
+    """(R, 2) motions and gazes of R actions: pairs, integers of the discrete action space, or the nearest of points."""
+    rows = np.reshape(actions, (count, -1))
+    if rows.shape[1] == 1:
+        rows = np.hstack(np.divmod(rows, len(Gaze)))
     if rows.shape[1] == 4:
         return np.array([(nearest_motion(row), nearest_gaze(row[3])) for row in rows])
     return rows.astype(int)

@@ -221,7 +221,7 @@ TESTS_gtsam   := tests/test_smoother.py
 
 .venvs/lowest.txt: pyproject.toml # each lower bound as the one version
 	@mkdir -p .venvs
-	@grep -oE '"[A-Za-z0-9_-]+(\[[a-z]+\])?>=[0-9.]+' $< | sed -E 's/"([A-Za-z0-9_-]+).*>=/\1==/' | sort -u > $@
+	@grep -oE '"[A-Za-z0-9_-]+(\[[a-z]+\])?>=[0-9][0-9A-Za-z.]*' $< | sed -E 's/"([A-Za-z0-9_-]+).*>=/\1==/' | sort -u > $@
 
 .venvs/oldest/.made: .venvs/lowest.txt
 # The first of these interpreters that runs; `make PYTHON=...` overrules it.

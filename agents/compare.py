@@ -7,7 +7,7 @@ from pathlib import Path
 
 from activeslam_gym.evaluation import Episode, Store, row_of
 from activeslam_gym.evaluation.code import LIBRARIES, package_versions
-from agents.figures import draw_all
+from agents.figures import FIGURES, draw_all
 from agents.summary import Summary, headline, markdown, summarise, text
 from agents.task import Task, check, collect, file_name
 from agents.tools.arguments import SEEDS, Pages, Times, Workers, command_line, given, within
@@ -50,6 +50,11 @@ class Args(Workers, Times, Pages):
         """The policies, each once."""
         return tuple(dict.fromkeys(self.policies))
 
+    @property
+    def draws(self) -> bool:
+        """Whether figures are wanted, and can be drawn."""
+        return self.figures and find_spec("matplotlib") is not None
+
     def tasks(self) -> list[Task]:
         """Seed by seed, so that an interrupted comparison has the same episodes of every policy."""
         settings = json.dumps(self.environment(self.scenario[0]), sort_keys=True)
@@ -72,8 +77,8 @@ def main(args: Args) -> int:
         if (summary := compare(part)) is None:
             print("Interrupted before the first episode was over: nothing to show.")
             return 130
-        written = sorted(path.name for path in part.out.iterdir() if path.is_file())
-        print(f"\n{text(summary)}\n\nWritten to {part.out}/: {', '.join(written)}")
+        written = ", ".join(["episodes.csv", *(FIGURES if part.draws else ()), "summary.json", "summary.md"])
+        print(f"\n{text(summary)}\n\nWritten to {part.out}/: {written}")
         print(f"All tables (errors, paired differences): {part.out}/summary.md")
         if not summary.settings["complete"]:
             return 130
@@ -109,8 +114,7 @@ def _written(episodes: list[Episode], args: Args) -> Summary:
     summary = summarise(episodes, args.reference, settings)
     if not settings["complete"]:
         summary.notes.append(f"Incomplete: {len(episodes)} of {total} episodes.")
-    drawn = args.figures and find_spec("matplotlib")
-    if args.figures and not drawn:
+    if args.figures and not args.draws:
         summary.notes.append("No figures: matplotlib is not installed (pip install -e '.[plot]').")
     write_csv(args.out / "episodes.csv", [row_of(one) for one in episodes])
     write_json(args.out / "summary.json", asdict(summary))
@@ -118,6 +122,6 @@ def _written(episodes: list[Episode], args: Args) -> Summary:
     publish(args.report, "compare", markdown(summary), command_line("agents compare", args))
     for page in args.report:
         put_section(page, "headline", headline(summary))
-    if drawn:
+    if args.draws:
         draw_all(episodes, args.out)
     return summary

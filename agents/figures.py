@@ -34,11 +34,13 @@ Runs = Mapping[str, Sequence[Episode]]  # policy → its episodes by seed
 Curves = tuple[np.ndarray, np.ndarray]  # times (G,), and values (curves, G)
 
 
+FIGURES = ("entropies.png", "errors.png", "maps.png", "scores.png")
+
+
 def draw_all(episodes: Sequence[Episode], folder: Path) -> list[Path]:
-    """Draw every figure into `folder` and return the paths. Raises ImportError where matplotlib is missing."""
-    by_policy = grouped(episodes)
-    figures = (scores, entropies, errors, maps)
-    return [save_figure(draw(by_policy), folder / f"{draw.__name__}.png") for draw in figures]
+    """Draw the `FIGURES` into `folder` and return the paths. Raises ImportError where matplotlib is missing."""
+    by_policy, figures = grouped(episodes), (entropies, errors, maps, scores)
+    return [save_figure(draw(by_policy), folder / name) for name, draw in zip(FIGURES, figures)]
 
 
 def scores(by_policy: Runs) -> Figure:

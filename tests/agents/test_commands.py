@@ -151,12 +151,15 @@ def test_a_scenario_is_of_a_module_or_a_file_or_registered(tmp_path: Path, monke
 
 
 def test_several_scenarios_are_compared_each_in_a_folder_of_its_name(tmp_path: Path, capsys: Any) -> None:
+    (tmp_path / "paper").mkdir()
+    (tmp_path / "paper" / "maps.png").write_text("of other policies")
     line = f"compare --policies stay --reference stay --episodes 1 --duration 1 --jobs 1 --no-figures --out {tmp_path}"
     assert main([*line.split(), "--scenario", "paper", "sprint"]) == 0
     out = capsys.readouterr().out
     for name in ("paper", "sprint"):
         assert f"{name}: stay; 1 episodes each" in out and (tmp_path / name / "summary.md").is_file()
         assert json.loads((tmp_path / name / "summary.json").read_text())["settings"]["scenario"] == name
+        assert f"{name}/: episodes.csv, summary.json, summary.md\n" in out
 
 
 def test_a_foreign_text_neither_closes_a_section_nor_is_markup(tmp_path: Path) -> None:

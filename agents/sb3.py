@@ -57,6 +57,7 @@ class ActiveSLAMVecEnv(VecEnv):
         self.env = BATCHES[actions](num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **kwargs)
         self._actions: np.ndarray | None = None
         super().__init__(num_envs, self.env.single_observation_space, self.env.single_action_space)
+        self.metadata["render_fps"] = self.env.metadata["render_fps"]
 
     @property
     def unwrapped(self) -> ActiveSLAMVectorEnv:  # type: ignore[override]
@@ -108,6 +109,8 @@ class ActiveSLAMVecEnv(VecEnv):
 
     def env_method(self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any) -> list[Any]:
         """Call a method that reads single environments, for instance ``env_method("motion_scores", indices=[3])``."""
+        if method_name == "action_masks":  # those of the whole batch in one call, which a learner asks at each step
+            return list(self.env.action_masks()[self._get_indices(indices)])
         return [method(*args, **kwargs) for method in self.get_attr(method_name, indices)]
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: VecEnvIndices = None) -> list[bool]:

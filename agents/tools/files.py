@@ -5,12 +5,12 @@ import json
 import math
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from activeslam_gym.files import demand_writable, written_whole
+from activeslam_gym.files import demand_writable, demand_writable_file, written_whole
 
 
 def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:
@@ -38,19 +38,17 @@ def write_text(path: Path, text: str) -> None:
         unfinished.write_text(text, encoding="utf-8", newline="")
 
 
-def writable_folder(argument: str, folder: Path) -> None:
-    """Raise ValueError, which names the argument, where `folder` cannot be made or written into; it is not made."""
+def writable_folder(argument: str, path: Path, demand: Callable[[Path], None] = demand_writable) -> None:
+    """Raise ValueError, which names the argument, where the folder cannot be made or written into; it is not made."""
     try:
-        demand_writable(folder)
-    except OSError as error:
+        demand(path)
+    except (OSError, ValueError) as error:
         raise ValueError(f"{argument}: {error}") from error
 
 
 def writable_file(argument: str, path: Path) -> None:
     """The same for a file, which may be absent."""
-    if path.is_dir():
-        raise ValueError(f"{argument}: {str(path)!r} is a folder; allowed: a file")
-    writable_folder(argument, path.parent)
+    writable_folder(argument, path, demand_writable_file)
 
 
 @contextmanager

@@ -13,11 +13,10 @@ from activeslam_gym.envs.observation import observation_space
 from activeslam_gym.envs.public import SingleReads
 from activeslam_gym.envs.reset import empty_runs
 from activeslam_gym.envs.reward import Potential
-from activeslam_gym.envs.setting import checked_rendering, resolve
+from activeslam_gym.envs.setting import checked_images, checked_rendering, resolve
 from activeslam_gym.envs.snapshot import Snapshot, snapshot_of
 from activeslam_gym.envs.step import BEGIN, STEP
 from activeslam_gym.metrics import LOST_POSITION_ERROR
-from activeslam_gym.sensors.sensor import IMAGES
 from activeslam_gym.threads import Workers
 
 
@@ -338,8 +337,10 @@ class ActiveSLAMPixelsEnv(ActiveSLAMEnv):
         ModuleNotFoundError: OpenCV is not installed.
     """
 
-    def __init__(self, scenario: str | Mapping[str, Any] | Scenario = "pixels", **arguments: Any) -> None:
-        super().__init__(scenario, sensor=IMAGES, **arguments)
+    def __init__(
+        self, scenario: str | Mapping[str, Any] | Scenario = "pixels", *, sensor: Any = None, **arguments: Any
+    ) -> None:
+        super().__init__(scenario, sensor=checked_images(sensor), **arguments)
 
     @property
     def image(self) -> np.ndarray:

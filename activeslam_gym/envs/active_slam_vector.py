@@ -15,10 +15,9 @@ from activeslam_gym.envs.info import infos_of
 from activeslam_gym.envs.observation import observation_space
 from activeslam_gym.envs.public import BatchReads
 from activeslam_gym.envs.reset import empty_runs
-from activeslam_gym.envs.setting import checked_rendering, resolve
+from activeslam_gym.envs.setting import checked_images, checked_rendering, resolve
 from activeslam_gym.envs.snapshot import Snapshot, snapshot_of
 from activeslam_gym.envs.step import BEGIN, REST, STEP
-from activeslam_gym.sensors.sensor import IMAGES
 from activeslam_gym.threads import Workers
 
 
@@ -120,9 +119,18 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         return self._runs.observation.copy(), rewards, terminated, truncated, infos
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> Any:
-        """The attribute or method ``name`` of the batch, as clients of `gymnasium.vector.SyncVectorEnv` ask for it."""
+        """The attribute or method ``name`` of the batch, as clients of `gymnasium.vector.SyncVectorEnv` ask for it.
+
+        A method, and what differs from run to run, has a leading axis; of what all share, a tuple has it B times.
+        """
         found = getattr(self, name)
-        return found(*args, **kwargs) if callable(found) else found
+        if callable(found) or isinstance(getattr(type(self), name, None), property):
+            return found(*args, **kwargs) if callable(found) else found
+        return (getattr(self, f"single_{name}", found),) * self.num_envs
+
+    def get_attr(self, name: str) -> Any:
+        """The attribute ``name``; see `call`."""
+        return self.call(name)
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """The present moment of each environment, (H, W, 3) uint8 images, in ``rgb_array`` mode.
@@ -215,9 +223,14 @@ class ActiveSLAMPixelsVectorEnv(ActiveSLAMVectorEnv):
     """``ActiveSLAMPixels-v0`` a batch at a time: what `ActiveSLAMVectorEnv` is to `ActiveSLAMEnv`."""
 
     def __init__(
-        self, num_envs: int = 1, scenario: str | Mapping[str, Any] | Scenario = "pixels", **arguments: Any
+        self,
+        num_envs: int = 1,
+        scenario: str | Mapping[str, Any] | Scenario = "pixels",
+        *,
+        sensor: Any = None,
+        **arguments: Any,
     ) -> None:
-        super().__init__(num_envs, scenario, sensor=IMAGES, **arguments)
+        super().__init__(num_envs, scenario, sensor=checked_images(sensor), **arguments)
 
 
 def _mode(mode: AutoresetMode | str) -> AutoresetMode:

@@ -35,7 +35,7 @@ from activeslam_gym.kernels import Record, filled
 from activeslam_gym.metrics import LOST_POSITION_ERROR
 from activeslam_gym.motion import motion_of
 from activeslam_gym.registry import name_of, number_of, part_of
-from activeslam_gym.sensors.sensor import OWN_SENSORS, POINTS, TEXTURED
+from activeslam_gym.sensors.sensor import IMAGES, OWN_SENSORS, POINTS, TEXTURED
 from activeslam_gym.slam.ekf import ESTIMATORS
 from activeslam_gym.slam.filter import filter_of
 from activeslam_gym.world.room import scene_factory
@@ -217,6 +217,13 @@ def checked_rendering(mode: Any, modes: Sequence[str], size: Any) -> tuple[str |
     if not 0 < max(width, height) <= most:
         raise ValueError(f"render_size must be (width, height) of {least} to {most} px, got {size!r}")
     return mode, (width, height)
+
+
+def checked_images(sensor: Any) -> str:
+    """The sensor of ``ActiveSLAMPixels-v0``. ValueError: another is given."""
+    if sensor is not None and sensor != IMAGES:
+        raise ValueError(f"sensor must be {IMAGES!r} in ActiveSLAMPixels-v0, got {sensor!r}")
+    return IMAGES
 
 
 _NOT_TEXTURED = (

@@ -126,6 +126,8 @@ def test_points_in_a_scenario_of_images_are_a_warning(recwarn: pytest.WarningsRe
     assert not recwarn
     with pytest.warns(UserWarning, match="ActiveSLAMPixels-v0"):
         ActiveSLAMEnv("corner-pixels")
+    for make in (gymnasium.make, gymnasium.make_vec):
+        refuses("sensor", make, "ActiveSLAMPixels-v0", sensor="points")
 
 
 def test_an_unknown_argument_has_the_error_message_of_python_which_torchrl_reads() -> None:

@@ -85,7 +85,7 @@ class Held:
     ) -> tuple[Any, Any]:
         """Return the action, and as ``state`` that action beside the policy's own state."""
         due = np.round(np.atleast_1d(self._env.time) / self._env.gaze_period).astype(int) % self._steps == 0
-        held, own = state or (None, None)
+        held, own = (None, None) if state is None else state
         if held is not None and not due.any():
             return held, state
         action, new = self._policy.predict(observation, own, episode_start, deterministic)

@@ -179,6 +179,10 @@ def test_what_grows_with_the_map_is_one_array_for_each(played: tuple[Any, list[A
         same(batch.run(i).predicted_belief._asdict(), single.predicted_belief._asdict())
     for name in ("scenario", "gaze_period", "motion_period", "duration", "steps_per_motion"):
         assert getattr(batch, name) == getattr(singles[0], name)
+    theirs = SyncVectorEnv([lambda: ActiveSLAMEnv(gaze_period=0.25)] * 3)
+    for name in ("duration", "scenario", "observation_space"):
+        assert batch.call(name) == theirs.call(name) == batch.get_attr(name)
+    np.testing.assert_array_equal(batch.get_attr("time"), [one.time for one in singles])
 
 
 @pytest.mark.parametrize(

@@ -84,12 +84,15 @@ class Held:
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Any, Any]:
         """Return the action, and as ``state`` that action beside the policy's own state."""
+        if state is None:
+            action, new = self._policy.predict(observation, None, episode_start, deterministic)
+            return action, (action, new)
+        held, own = state
         due = np.round(np.atleast_1d(self._env.time) / self._env.gaze_period).astype(int) % self._steps == 0
-        held, own = (None, None) if state is None else state
-        if held is not None and not due.any():
+        if not due.any():
             return held, state
         action, new = self._policy.predict(observation, own, episode_start, deterministic)
-        if held is not None and not due.all():  # of a batch, some
+        if not due.all():  # of a batch, some
             action = np.where(due.reshape(-1, *(1,) * (np.ndim(action) - 1)), action, held)
             new = new and tuple(np.where(due[:, None], one, old) for one, old in zip(new, own))
         return action, (action, new)

@@ -133,10 +133,17 @@ TARGET = 14  # the landmark whose time the paper states
 
 
 def row_of(episode: Episode) -> dict[str, Any]:
-    """A row of episodes.csv: names, bits learned, errors at the end [m, rad], times [s], counts of the commands.
+    """A row of episodes.csv. What did not happen (no landmark mapped, not `TARGET` of them) is NaN, or empty in a file.
 
-    A lost belief has removed no bits of entropy; its log score stands as it is, for the score itself punishes it.
-    What did not happen (no landmark mapped, not `TARGET` of them) is NaN.
+    - ``policy``, ``seed``, ``steps``, ``end_time`` [s], ``lost`` (1 where the belief was lost at some time).
+    - ``bits``: the entropy reduction [bit], 0 where lost. ``reward``: the sum of the rewards, in their unit.
+    - ``log_score_gain`` [bit], lost or not, for the score itself punishes it; ``log_score_under_0`` and
+      ``log_score_under_minus_1000`` are 1 where it is.
+    - At the end: ``landmarks_mapped``, ``distinct_landmarks``, ``landmark_rmse`` [m], ``position_error`` [m],
+      ``orientation_error`` [rad], ``position_nees`` and ``landmark_nees`` per degree of freedom.
+    - ``target_reached``: 1 where `TARGET`, 14, landmarks were mapped, at ``target_time`` [s] with ``target_log2_det``
+      log₂|P| of camera and map.
+    - ``decision_us``: mean time of `predict` [µs]. ``motion_…`` and ``gaze_…``: how often each was commanded.
     """
     reached = len(episode.landmark_times) >= TARGET
     motions, gazes = episode.actions[episode.motion_read, 0], episode.actions[:, 1]

@@ -78,13 +78,12 @@ def draw_room(scenario: Scenario, rng: np.random.Generator) -> Room:
             stands at the distance of the fiducials.
         ValueError: a foreign scene gave a wrong answer.
     """
-    adds_boxes = scenario.box_capacity > len(scenario.boxes)
-    searched = scenario.has_foreign_scene or adds_boxes or scenario.on_surfaces or scenario.point_spacing
+    beyond_wall = scenario.fiducial_distance[1] > 0.5 * scenario.room_size[2]  # fiducials may be, where it is near
+    searched = beyond_wall or scenario.has_bodies or scenario.on_surfaces or scenario.point_spacing
     if scenario.start == CENTRE and not searched:
-        nothing, nowhere = np.empty((0, 2, 3)), np.empty((0, 3))
-        place = _draw_place(scenario, nothing, rng)
-        camera = draw_start(scenario, rng, place)
-        landmarks, boxes = _landmarks(scenario, nothing, nowhere, rng), np.reshape(np.array(scenario.boxes), (-1, 2, 3))
+        boxes, nowhere = np.empty((0, 2, 3)), np.empty((0, 3))
+        place = _draw_place(scenario, boxes, rng)
+        camera, landmarks = draw_start(scenario, rng, place), _landmarks(scenario, boxes, nowhere, rng)
         return Room(place, camera, _floating(scenario, scenario.fiducial_count, camera, rng), landmarks, nowhere, boxes)
     foreign = scenario.has_foreign_scene
     for _ in range(_TRIES):
@@ -244,8 +243,10 @@ def _in_view(
     camera, R_WC, half = camera_of(scenario), rotation_matrix(start[QUATERNION]), 0.5 * np.array(scenario.room_size)
     found: list[np.ndarray] = []
     z, view = np.empty(2), View(camera, start, R_WC, boxes)
-    if inside_any(start[None, :3], boxes, _START_MARGIN)[0]:
-        return None
+    own = len(scenario.boxes)
+    for given, margin in ((boxes[:own], scenario.wall_margin), (boxes[own:], _START_MARGIN)):
+        if inside_any(start[None, :3], given, margin)[0]:
+            return None
     if scene is not None:
         free = scene.clearance(np.repeat(start[None, :3], len(AROUND), axis=0), AROUND, _START_MARGIN)
         if (free < _START_MARGIN).any():

@@ -192,9 +192,12 @@ def started(**scenario):
 
 
 def test_only_who_knows_of_a_box_reckons_with_it() -> None:
-    knows, does_not = (started(boxes=(WALL,), boxes_known=known) for known in (True, False))
+    behind = ((-3.0, -1.0, -3.0), (3.0, 1.0, -2.0))
+    knows, does_not = (started(boxes=(behind,), boxes_known=known) for known in (True, False))
     in_view = activeslam_gym.observation_layout(knows).token_slices["in_view"]
     for env, sees in ((knows, False), (does_not, True)):
+        simulation_of(env).world.boxes[0] = WALL  # no room is drawn with one that hides the fiducials
+        env.step((6, 2))
         assert len(env.labels.detected) == 0
         scores = (env.motion_scores()[Motion.STAY], env.gaze_scores()[Gaze.STAY], env.joint_scores()[6, 2])
         assert [bool(score) for score in scores] == [sees] * 3

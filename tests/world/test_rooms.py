@@ -20,11 +20,16 @@ from activeslam_gym.world.room import Room, draw_room, varied
 
 BOX = np.array([[[1.0, -1.0, -0.5], [2.0, 1.0, 0.5]]])
 PLACES = ("office", "corridor", "rooms", "clusters", "corner", "sprint", "noisy", "mixed")
+OWN = {
+    "pillar": Scenario(boxes=(((-0.4, -1.0, 1.2), (0.4, 1.0, 2.2)), ((0.25, -1.0, -0.2), (0.6, 1.0, 0.2)))),
+    "short": Scenario(room_size=(6.0, 2.0, 1.5)),
+}
+"""Scenarios with boxes of their own, before and beside the start, or with a wall nearer than the fiducials."""
 
 
 def drawn(name: str, seed: int) -> tuple[Scenario, Room]:
     rng = np.random.default_rng(seed)
-    scenario = varied(SCENARIOS[name], rng)
+    scenario = varied((OWN | SCENARIOS)[name], rng)
     return scenario, draw_room(scenario, rng)
 
 
@@ -35,7 +40,7 @@ def least_gap(points: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("rooms", [25, pytest.param(1000, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("name", PLACES)
+@pytest.mark.parametrize("name", (*PLACES, *OWN))
 def test_rooms_are_sound(name: str, rooms: int) -> None:
     """Nothing in a box, the fiducials in view, and everything within reach."""
     for seed in range(rooms):
@@ -140,7 +145,8 @@ def test_a_surface_is_seen_from_its_front_alone_and_not_too_aslant() -> None:
 
 
 def started(**fields):
-    scenario = {"boxes": (((-1.0, -1.0, 1.0), (1.0, 1.0, 1.5)),), **fields}
+    box = ((-1.0, -1.0, 1.0), (1.0, 1.0, 1.5))
+    scenario = {"boxes": (box,), "fiducial_distance": (0.4, 0.9), **fields}
     env = gym.make("ActiveSLAM-v0", scenario=scenario, gaze_period=0.25, motion_period=1.0)
     env.reset(seed=2)
     return env

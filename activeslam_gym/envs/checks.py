@@ -19,7 +19,7 @@ from activeslam_gym.envs.active_slam import ActiveSLAMEnv
 from activeslam_gym.envs.setting import scenario_with
 from activeslam_gym.motion import CAMERA_DIM, POSITION, QUATERNION
 from activeslam_gym.registry import array_of, asked, name_of, part_of
-from activeslam_gym.sensors.sensor import OWN_SENSORS, POINTS, measured, noise_of
+from activeslam_gym.sensors.sensor import OWN_SENSORS, POINTS, measured, noise_of, seen_by
 from activeslam_gym.slam.belief import start_of
 from activeslam_gym.slam.estimate import EKF
 from activeslam_gym.world.room import draw_scene
@@ -78,7 +78,8 @@ def check_sensor(sensor: Any, scenario: Given = "paper", seed: int = 0) -> None:
 
     Raises:
         ValueError: it fails, answers in another form, or breaks a law: noise depends on the seed and the time alone; it
-            has the stated covariance; Jacobians are the numerical ones; what is measured is visible.
+            has the stated covariance; Jacobians are the numerical ones; what is measured is visible, and of what is
+            visible, and neither blocked nor missed, half or more is measured.
     """
     of = scenario_with(scenario, sensor=sensor)
     what, make = f"the sensor {name_of(of.sensor)!r}", part_of("sensor", of.sensor, OWN_SENSORS)
@@ -88,7 +89,7 @@ def check_sensor(sensor: Any, scenario: Given = "paper", seed: int = 0) -> None:
     env.reset(seed=seed)
     first, twin = (asked(what, make, of, np.random.SeedSequence(seed)) for _ in range(2))
     noise = noise_of(what, first)
-    rng, seen, denied = np.random.default_rng(seed), 0, 0
+    rng, seen, denied, missed = np.random.default_rng(seed), 0, 0, 0
     squares: list[float] = []
     env.action_space.seed(seed)
     for _ in range(min(STEPS, int(env.setting.task.steps))):
@@ -99,9 +100,11 @@ def check_sensor(sensor: Any, scenario: Given = "paper", seed: int = 0) -> None:
         for one in (first, twin):
             same = np.array_equal(values, measured(what, one, truth, time, len(noise)).values)
             _demand(same, what, "measures something else at the same time, from the same seed")
-        visible = array_of(f"visible() of {what}", first.visible(camera, points), (len(points),), bool)
+        visible = seen_by(what, first, camera, points)
         real = labels >= 0
         seen, denied = seen + int(visible[labels[real]].sum()), denied + int((~visible[labels[real]]).sum())
+        visible[labels[real]] = False
+        missed += int((visible & ~truth.scene.blocks(truth.position, points)).sum())
         for value, label in zip(values[real], labels[real], strict=True):
             z, H_x, H_y = _predicted(first, what, camera, points[label], len(noise))
             squares.append((value - z) @ np.linalg.solve(noise, value - z))
@@ -109,6 +112,8 @@ def check_sensor(sensor: Any, scenario: Given = "paper", seed: int = 0) -> None:
                 _check_jacobians(first, what, camera, points[label], H_x, H_y)
     _demand(len(squares) > 0, what, f"measured no landmark in {env.time:g} s")
     _demand(denied <= 0.1 * (seen + denied), what, f"measures {denied} of {seen + denied} that visible() denies")
+    least = 0.5 * (1.0 - of.missed_detection_probability)
+    _demand(seen >= least * (seen + missed), what, f"measures {seen} of {seen + missed} that visible() shows")
     mean, slack = float(np.mean(squares)) / len(noise), 6.0 * np.sqrt(2.0 / (len(noise) * len(squares)))
     _demand(abs(mean - 1.0) <= slack + 0.1, what, f"has {mean:.2f} times the noise that it states")
 

@@ -43,7 +43,7 @@ def disprove(run: Run) -> None:
         one = expected[e]
         if one.feature != WAITING:
             continue
-        if not visible(present, one.point, -WELL_INSIDE_PX, z):
+        if one.hidden or not visible(present, one.point, -WELL_INSIDE_PX, z):
             one.looked = min(one.looked, 0)
         elif one.looked >= 0 or not _same_view(one.looked_from, here[0]):
             one.looked = max(one.looked, 0) + 1

@@ -23,7 +23,7 @@ from activeslam_gym.kernels import row, uncompiled
 from activeslam_gym.motion import POSITION, QUATERNION
 from activeslam_gym.registry import array_of, asked, name_of, part_of
 from activeslam_gym.sensors.points import PointSensor
-from activeslam_gym.sensors.sensor import OWN_SENSORS, POINTS, measured, noise_of
+from activeslam_gym.sensors.sensor import OWN_SENSORS, POINTS, measured, noise_of, seen_by
 from activeslam_gym.slam.detection import REJECTED
 from activeslam_gym.slam.ekf import ESTIMATORS, Ekf
 from activeslam_gym.slam.estimate import Estimate, Measurements, put_estimate
@@ -163,6 +163,9 @@ class PythonPerception(Perception):
                 events[name] += self._estimator.counts[name]
                 self._estimator.counts[name] = 0
         self._put_estimate(run, found["match"])
+        if run.models.negative_information and not self._simulated:
+            seen = seen_by(self._sensed, self.sensor, run.estimate.state.camera, run.expected["point"])
+            run.expected["hidden"] = ~seen
         judge(run)
 
     def _put_estimate(self, run: Run, matched: np.ndarray) -> None:

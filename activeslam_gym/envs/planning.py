@@ -23,7 +23,7 @@ from activeslam_gym.information.net import Forecast, net_of_plans
 from activeslam_gym.kernels import compiled, row, uncompiled
 from activeslam_gym.motion import GAZE_COUNT, MOTION_COUNT
 from activeslam_gym.registry import FOREIGN, asked, name_of, number_of
-from activeslam_gym.sensors.sensor import OWN_SENSORS
+from activeslam_gym.sensors.sensor import OWN_SENSORS, seen_by
 from activeslam_gym.threads import Workers
 
 _LONGEST_HORIZON = 4
@@ -166,14 +166,15 @@ class Scores(Runs):
         """(2, A) what `_evaluated` gives run ``i``, with a foreign sensor or by a foreign criterion."""
         run = row(self._runs, i)
         given, lens, time = predicted_belief(run), run.models.lens, int(run.episode.steps) * self.gaze_period
-        if criterion == "net_information":
-            given = candidates.without_present(lens, given)
-        var = float(lens.pixel_std**2)
+        var, net = float(lens.pixel_std**2), criterion == "net_information"
         if self.scenario.sensor in _SENSOR_NAMES:
+            given = candidates.without_present(lens, given) if net else given
             look = partial(candidates.sight_after, lens, given)
         else:
-            sight = partial(sight_by, self._perceptions[i].sensor, given, var)
+            sensor, what = self._perceptions[i].sensor, f"the sensor {name_of(self.scenario.sensor)!r}"
+            if net:
+                given = candidates.without_present(lens, given, seen_by(what, sensor, given.camera, given.points))
             where = f" in frame {int(run.world.state.frame)} of environment {i}"
-            look = partial(asked, f"the sensor {name_of(self.scenario.sensor)!r}", sight, where=where)
+            look = partial(asked, what, partial(sight_by, sensor, given, var), where=where)
         frames = int(uncompiled(frames_left)(run))
         return score_plans_with(look, run.models.motion, given, time, plans, criterion, var, frames)

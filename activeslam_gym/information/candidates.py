@@ -302,11 +302,16 @@ def unshown(lens: Record, belief: PredictedBelief) -> PredictedBelief:
     return PredictedBelief(now, points, belief.covariance, belief.fiducials, boxes, *given)
 
 
-def without_present(lens: Record, belief: PredictedBelief) -> PredictedBelief:
-    """The predicted belief without those landmarks."""
-    shown = np.isnan(unshown(lens, belief).points[:, 0]) & np.isfinite(belief.points[:, 0])
-    kept = np.flatnonzero(~shown)
-    P, waiting = gathered(belief.covariance, kept[:0], kept), belief.waiting - len(belief.points) + len(kept)
+def without_present(lens: Record, belief: PredictedBelief, seen: np.ndarray | None = None) -> PredictedBelief:
+    """The predicted belief without those landmarks.
+
+    ``seen`` (M,) bool: which of the points another sensor than the ``lens`` shows now.
+    """
+    if seen is None:
+        seen = np.isnan(unshown(lens, belief).points[:, 0]) & np.isfinite(belief.points[:, 0])
+    features = len(belief.points) - belief.waiting
+    kept = np.flatnonzero(~seen | (np.arange(len(seen)) < features))
+    P, waiting = gathered(belief.covariance, kept[:0], kept), len(kept) - features
     return belief._replace(points=belief.points[kept], covariance=P, waiting=waiting)
 
 

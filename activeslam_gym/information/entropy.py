@@ -33,6 +33,7 @@ EXPECTED = record(
     looked="i8",  # frames that it has been looked at, see `envs.disproof`; -1: to no avail
     looked_from=VIEW,  # and from where
     redraws="i8",  # so far
+    hidden="b1",  # whether a sensor of a user's own would not measure it from the present pose
 )
 """One expected landmark. Its covariance is that of the uniform room, `landmark_var` (3,) [m^2]."""
 WAITING = 0

@@ -70,6 +70,12 @@ def noise_of(what: str, sensor: Any) -> np.ndarray:
     return noise
 
 
+def seen_by(what: str, sensor: Any, camera: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(m,) bool: `Sensor.visible`; a ValueError that begins with ``what`` where the answer is of another form."""
+    what = f"visible() of {what}"
+    return array_of(what, asked(what, sensor.visible, camera.copy(), points.copy()), (len(points),), bool)
+
+
 def measured(what: str, sensor: Any, truth: Truth, time: float, d: int) -> Detections:
     """What a sensor measures: finite values (M, d), and labels; a ValueError that begins with ``what`` is all else."""
     what, points = f"measure() of {what}", len(truth.fiducials) + len(truth.landmarks)

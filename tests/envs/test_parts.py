@@ -13,6 +13,7 @@ import baselines
 from activeslam_gym.config import DEPTH_PARTICLES, INVERSE_DEPTH, KNOWN, UNKNOWN
 from activeslam_gym.envs import checks
 from activeslam_gym.evaluation import Episode, run_episode
+from activeslam_gym.information import candidates
 from activeslam_gym.sensors.points import PointSensor
 from activeslam_gym.sensors.sensor import Detections
 from activeslam_gym.slam.ekf import Ekf
@@ -210,12 +211,36 @@ def at_random(found: Any) -> Detections:
     return Detections(found.values + np.random.default_rng().normal(size=found.values.shape), found.labels)
 
 
+class Near(PointSensor):
+    def visible(self, camera: np.ndarray, points: np.ndarray) -> np.ndarray:
+        return super().visible(camera, points) & (np.linalg.norm(points - camera[:3], axis=1) < 2.0)
+
+
+def test_what_a_sensor_does_not_see_is_no_evidence_against_an_expected_landmark(monkeypatch) -> None:
+    """The lens alone decided what had been looked at, and what the present image shows."""
+    env: Any = gym.make("ActiveSLAM-v0", sensor=Near, gaze_period=0.05, end_when_lost=False)
+    env.reset(seed=0)
+    core, moved, shown = env.unwrapped, 0, list[np.ndarray]()
+    visible, expected = core._perceptions[0].sensor.visible, core._run.expected
+    for _ in range(60):
+        before = expected["point"].copy()
+        env.step((6, 1))
+        left = before[(before != expected["point"]).any(axis=1)]
+        moved += len(left)
+        assert visible(core.belief.camera, left).all()
+    given = core.predicted_belief
+    monkeypatch.setattr(candidates, "without_present", lambda _, belief, seen: shown.append(seen) or belief)
+    core.motion_scores("net_information")
+    assert moved and np.array_equal(shown[0], visible(given.camera, given.points))
+
+
 LAWS: dict[str, tuple[Callable[[Any], None], type]] = {
     "from b to a|past their clearance": (checks.check_scene, OneWay),
     "before their clearance": (checks.check_scene, like(SphereScene, clearance=lambda x: np.minimum(x + 0.1, x.max()))),
     "on no surface": (checks.check_scene, like(SphereScene, sample=lambda found: (found[0], -found[1]))),
     "Jacobians": (checks.check_sensor, like(RangeSensor, predict=lambda found: (*found[:2], -found[2]))),
     r"visible\(\) denies": (checks.check_sensor, Blind),
+    r"that visible\(\) shows": (checks.check_sensor, like(RangeSensor, visible=lambda seen: seen | True)),
     "times the noise": (checks.check_sensor, Precise),
     "measures something else": (checks.check_sensor, like(RangeSensor, measure=at_random)),
     "overconfident": (checks.check_estimator, estimated(Ekf, covariance=lambda P: 1e-4 * P)),

@@ -162,7 +162,7 @@ def test_net_information_of_a_plan_is_the_fall_of_entropy_of_its_simulated_updat
     P = block_diag(belief.covariance, *[np.diag(VARIANCE)] * waiting)
     belief = belief._replace(points=points, covariance=P, waiting=waiting, limits=limits)
     rest, plans = c.without_present(CAMERA, belief), c.held_plans(20, 5)
-    assert 0 < rest.waiting < waiting
+    assert 0 < rest.waiting < waiting == c.without_present(CAMERA, belief, np.zeros(len(points), bool)).waiting
     look = partial(c.sight_after, CAMERA, rest)
     by_updates, std = score_plans_with(look, MOTION, rest, 0.0, plans, "net_information", R, frames)
     out, position_std = np.empty((2, len(plans)))

@@ -99,7 +99,7 @@ def associate(
     else:
         matches = match_unknown(models.filter.association, sight, detections, belief.state.count)
     if belief.particles.shape[1] > 0:
-        follow_rays(models.lens, models.filter.particles, belief, boxes, detections, labelled)
+        follow_rays(models.lens, models.filter, belief, boxes, detections, labelled)
     for one in detections:
         counts.rejected_matches += one.match == REJECTED
     return matches

@@ -187,6 +187,16 @@ def angles_of(h: np.ndarray, J: np.ndarray) -> tuple[float, float]:
     return math.atan2(h[0], h[2]), math.atan2(h[1], level)
 
 
+@borrowing
+def place_of(feature: Record) -> Direction:
+    """The world point [m] at the mean of a POINT or an INVERSE_DEPTH feature."""
+    mean = feature.mean
+    if feature.kind == POINT:
+        return mean[0], mean[1], mean[2]
+    m, rho = bearing(mean[AZIMUTH], mean[ELEVATION])[0], mean[RHO]
+    return mean[0] + m[0] / rho, mean[1] + m[1] / rho, mean[2] + m[2] / rho
+
+
 @compiled
 def point_of(belief: Belief, k: int, T: np.ndarray) -> np.ndarray:
     """Feature ``k`` as a world point (3,) [m]; its Jacobian by the feature's parameters goes into ``T`` (3, 6).

@@ -15,7 +15,7 @@ from activeslam_gym.kernels import Record, borrowing, compiled, constants, recor
 from activeslam_gym.linalg import copy_into, diagonal, sum_of_squares
 from activeslam_gym.motion import POSITION
 from activeslam_gym.slam.belief import ANCHOR, AZIMUTH, ELEVATION, KIND_DIM, RAY, Belief, bearing
-from activeslam_gym.slam.detection import NEW, REJECTED, UNASSOCIATED, chi_square_2_quantile, distance_by_own_noise
+from activeslam_gym.slam.detection import NEW, REJECTED, UNASSOCIATED, distance_by_own_noise
 from activeslam_gym.slam.sight import INSIDE, own_innovation, point_measurement, visibility_of
 
 PARTICLES, particles_of = constants(
@@ -23,9 +23,6 @@ PARTICLES, particles_of = constants(
     particle_depth=lambda s: np.array(s.particle_depth),  # nearest and farthest [m]
     particle_prune="f8",  # a particle with less than this share of the mean weight is dropped
     particle_baseline="f8",  # motion between two re-weightings of a ray [m]
-    maximum_misses="i8",
-    gate=lambda s: chi_square_2_quantile(s.gate_probability),  # chi-square bound of a match
-    new_feature_gate=lambda s: chi_square_2_quantile(s.new_feature_gate_probability),  # and of what is near a particle
 )
 """Constants of the depth particles; see the fields of `Scenario`."""
 
@@ -80,11 +77,11 @@ def follow_rays(
 
     Sets their ``match``, and REJECTED where a detection is near a ray without being its match; ``labelled``: the
     matches of rays are set already. A miss counts when every particle with weight is predicted well inside the image; a
-    ray whose particles explain nothing has missed enough.
+    ray whose particles explain nothing has missed enough. ``model``: FILTER.
     """
     rays = predict_rays(lens, belief, boxes)
     if not labelled:
-        _match_rays(model, belief, rays, detections)
+        _match_rays(model.association, belief, rays, detections)
     for r in range(rays.feature.shape[0]):
         feature = belief.feature[rays.feature[r]]
         matched, in_view = -1, True
@@ -94,8 +91,8 @@ def follow_rays(
         for j in range(rays.particle.shape[1]):
             in_view &= belief.particles[feature.slot, j, 1] == 0.0 or rays.particle[r, j].visibility == INSIDE
         if matched >= 0:
-            explained = reweight(model, belief, rays, r, detections[matched])
-            feature.misses = 0 if explained else model.maximum_misses
+            explained = reweight(model.particles, belief, rays, r, detections[matched])
+            feature.misses = 0 if explained else model.initialisation.maximum_misses
             feature.seen = belief.state.frame
         elif in_view:
             feature.misses += 1

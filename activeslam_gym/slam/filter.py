@@ -9,7 +9,7 @@ import numpy as np
 from activeslam_gym.camera import CAMERA, camera_of
 from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import constants, filled, record, row
-from activeslam_gym.motion import CAMERA_DIM, CAMERA_SIZE, MOTION, motion_of
+from activeslam_gym.motion import CAMERA_DIM, CAMERA_SIZE, MOTION, QUATERNION, motion_of
 from activeslam_gym.registry import array_of
 from activeslam_gym.slam.appearance import appearance_of, draw_bias, use_identified, wander
 from activeslam_gym.slam.association import associate, association_of
@@ -21,6 +21,7 @@ from activeslam_gym.slam.belief import (
     NEVER,
     Belief,
     empty_beliefs,
+    fiducial_id,
     mapped_of,
     positions_of,
     reset_belief,
@@ -59,6 +60,8 @@ COUNTS = record(
     restarts="i8",  # times that the belief was reset
 )
 """Counters that a frame adds to; any record with these fields will do."""
+_COVARIANCES = "symmetric, with no eigenvalue under 0"
+_ROUNDING = 1e-5  # of what is given, which may be in single precision
 _MODELS = record(lens=CAMERA, motion=MOTION, filter=FILTER)
 
 
@@ -77,7 +80,7 @@ class Filter:
         boxes: (B, 2, 3) lowest and highest corners [m] of the boxes that are known to occlude.
 
     Raises:
-        ValueError: an array is not of its shape, or not finite.
+        ValueError: an array is not of its shape, not finite, or impossible.
     """
 
     def __init__(
@@ -101,8 +104,10 @@ class Filter:
         self.counts = np.zeros(1, COUNTS)[0]
         self._sight: Sight | None = None
         self._arrays = row(empty_estimates(self.capacity, 1), 0)
-        mean = _array("camera", camera, first, first.shape)
-        reset_belief(self.belief, mean, _array("covariance", covariance, prior, prior.shape))
+        if not (self.boxes[:, 0] < self.boxes[:, 1]).all():
+            raise ValueError(f"boxes must have a lowest corner and a highest one, got {boxes!r}")
+        mean, P = _camera("camera", camera, first), _covariance("covariance", covariance, prior, CAMERA_DIM)
+        reset_belief(self.belief, mean, P)
 
     def predict(self, u: Any = None, dt: float | None = None, drift: float = 0.0) -> None:
         """``dt`` seconds ahead (None: the scenario's frame) under the known accelerations ``u`` (6,), None: zero.
@@ -165,8 +170,8 @@ class Filter:
     def update(self, detections: Any, labelled: bool = False, *, jointly: bool = False, least: int = 1) -> np.ndarray:
         """Associate and update; (M,) the id that each detection was matched to, or NEW (0) or REJECTED.
 
-        ``detections`` (M,) is an array of type DETECTION (see `detections_of`); several may bear one id. ``labelled``:
-        the ids are certain. Features that were missed too often are deleted.
+        ``detections`` (M,) is an array of type DETECTION (see `detections_of`), whose ``match`` is written; several may
+        bear one id. ``labelled``: the ids are certain. Features that were missed too often are deleted.
 
         ``jointly``: all bear ids, since each prediction was searched for around its predicted pixel, and their looks
         and places together choose the right ones (`slam.appearance`); if fewer than ``least`` agree, none is believed.
@@ -174,14 +179,20 @@ class Filter:
         the same frame by the new `sight`.
 
         Raises:
-            ValueError: detections that are not finite, or not as ``jointly`` wants them.
+            ValueError: detections that are not finite, with an R that is no covariance or labels of nothing, or not as
+                ``jointly`` wants them.
         """
-        given = np.asarray(detections)
-        if given.size and given.dtype.names != DETECTION.names:
+        answered = np.asarray(detections)
+        if answered.size and answered.dtype.names != DETECTION.names:
             raise ValueError(f"detections must be of type DETECTION, as detections_of makes them, got {detections!r}")
-        given = np.array(given, DETECTION).reshape(-1)
+        given = np.array(answered, DETECTION).reshape(-1)
         if not (np.isfinite(given["pixel"]).all() and np.isfinite(given["R"]).all()):
             raise ValueError("detections must have finite pixels and covariances")
+        if not (sound := _are_covariances(given["R"])).all():
+            raise ValueError(f"R of detections must be {_COVARIANCES}, got {given['R'][~sound].tolist()}")
+        ids = set(given["id"].tolist()) - {UNASSOCIATED, *self.ids.tolist()}
+        if labelled and (nothing := ids - set(map(fiducial_id, range(len(self.fiducials))))):
+            raise ValueError(f"id of labelled detections must be of features or fiducials, got {sorted(nothing)}")
         models, belief, fiducials, sight = self.models, self.belief, self.fiducials, self.sight()
         if jointly:
             self._check_joint(given, labelled)
@@ -192,6 +203,8 @@ class Filter:
             update(models, belief, fiducials, sight, matches, given, self.counts)
             convert_and_delete(models.filter.initialisation, belief, self.counts)
         self._sight = None
+        if answered.size:
+            answered["match"] = given["match"].reshape(answered.shape)
         return given["match"].copy()
 
     def _check_joint(self, given: np.ndarray, labelled: bool) -> None:
@@ -210,7 +223,7 @@ class Filter:
     def add_landmark(self, pixel: Any, R: Any = None) -> int:
         """Add the feature seen at ``pixel`` (2,) with noise ``R`` (2, 2); its id, or 0 if there is no room."""
         z = _array("pixel", pixel, None, (2,))
-        noise = _array("R", R, self.camera.pixel_std**2 * np.eye(2), (2, 2))
+        noise = _covariance("R", R, self.camera.pixel_std**2 * np.eye(2), 2)
         self._sight = None
         model = self.models.filter
         return int(add_landmark(self.camera, model.initialisation, model.particles, self.belief, z, noise))
@@ -223,8 +236,10 @@ class Filter:
 
     @expected_inverse_depth.setter
     def expected_inverse_depth(self, prior: tuple[float, float]) -> None:
-        model = self.models.filter.initialisation
-        model.rho_mean, model.rho_std = prior
+        model, given = self.models.filter.initialisation, _array("expected_inverse_depth", prior, None, (2,))
+        if not (given > 0.0).all():
+            raise ValueError(f"expected_inverse_depth must be two positive numbers, got {prior!r}")
+        model.rho_mean, model.rho_std = given
 
     def resume(self, camera: Any, points: Any, covariance: Any) -> np.ndarray:
         """Begin with a ``camera`` (13,) and features by inverse depth from the world's origin; (n,) their ids.
@@ -233,14 +248,16 @@ class Filter:
         camera's tangent and the points.
 
         Raises:
-            ValueError: an array is not of its shape, or not finite, or there is no room for so many.
+            ValueError: an array is not of its shape, not finite or impossible, or there is no room for so many.
         """
         points = _array("points", points, None, (None, 3))
         n, belief = len(points), self.belief
+        if not (points[:, 2] > 0.0).all():
+            raise ValueError(f"points must have positive inverse depths, got {points[:, 2].tolist()}")
         if n > self.capacity:
             raise ValueError(f"points must be {self.capacity} at most, got {n}")
-        P = _array("covariance", covariance, None, (CAMERA_DIM + 3 * n,) * 2)
-        reset_belief(belief, _array("camera", camera, None, (CAMERA_SIZE,)), P[:CAMERA_DIM, :CAMERA_DIM])
+        P = _covariance("covariance", covariance, None, CAMERA_DIM + 3 * n)
+        reset_belief(belief, _camera("camera", camera, None), P[:CAMERA_DIM, :CAMERA_DIM])
         width = KIND_DIM[INVERSE_DEPTH]
         rows = CAMERA_DIM + (width * np.arange(n)[:, None] + np.arange(AZIMUTH, width)).ravel()
         rows = np.concatenate((np.arange(CAMERA_DIM), rows))
@@ -294,10 +311,10 @@ class Filter:
         """Give the camera a ``mean`` (13,) and a ``covariance`` (12, 12) independent of the map, which stays.
 
         Raises:
-            ValueError: an array is not of its shape, or not finite.
+            ValueError: an array is not of its shape, not finite, or impossible.
         """
-        belief, first = self.belief, _array("mean", mean, None, (CAMERA_SIZE,))
-        P = _array("covariance", covariance, None, (CAMERA_DIM, CAMERA_DIM))
+        belief, first = self.belief, _camera("mean", mean, None)
+        P = _covariance("covariance", covariance, None, CAMERA_DIM)
         belief.state.camera[:] = first
         belief.covariance[:CAMERA_DIM, :] = 0.0
         belief.covariance[:, :CAMERA_DIM] = 0.0
@@ -351,3 +368,28 @@ def _array(name: str, value: Any, default: np.ndarray | None, shape: tuple[int |
     if not np.isfinite(array).all():
         raise ValueError(f"{name} must be finite numbers, got {value!r}")
     return array
+
+
+def _camera(name: str, value: Any, default: np.ndarray | None) -> np.ndarray:
+    """The same as a camera (13,), with a quaternion of length 1."""
+    camera = _array(name, value, default, (CAMERA_SIZE,))
+    if abs(np.linalg.norm(camera[QUATERNION]) - 1.0) > _ROUNDING:
+        raise ValueError(f"{name} must have a quaternion of length 1, got {camera[QUATERNION].tolist()}")
+    return camera
+
+
+def _covariance(name: str, value: Any, default: np.ndarray | None, size: int) -> np.ndarray:
+    """The same as a covariance (size, size)."""
+    P = _array(name, value, default, (size, size))
+    if not _are_covariances(P):
+        raise ValueError(f"{name} must be {_COVARIANCES}, got {value!r}")
+    return P
+
+
+def _are_covariances(P: np.ndarray) -> np.ndarray:
+    """(...) bool: which of the matrices (..., n, n) are symmetric without a negative eigenvalue, up to rounding."""
+    variances = np.diagonal(P, axis1=-2, axis2=-1)
+    size = np.sqrt(np.maximum(variances, 1e-100))
+    unit = P / (size[..., :, None] * size[..., None, :])
+    symmetric = (np.abs(unit - np.swapaxes(unit, -1, -2)) <= _ROUNDING).all(axis=(-2, -1))
+    return symmetric & (np.linalg.eigvalsh(unit) >= -_ROUNDING).all(axis=-1)

@@ -35,6 +35,7 @@ from activeslam_gym.slam.belief import (
     angles_of,
     bearing,
     depth_ratio,
+    place_of,
     point_marginal,
     point_of,
 )
@@ -101,6 +102,10 @@ def follow_tracks(lens: Record, model: Record, belief: Belief, detections: np.nd
             tracks[t].hits = 0
     t = 0
     for i in range(detections.shape[0]):
+        if model.new_feature_detections == 1 and not taken[i]:
+            ripe[count] = i
+            count += 1
+            continue
         while t < tracks.shape[0] and tracks[t].hits > 0:
             t += 1
         if t < tracks.shape[0] and not taken[i]:
@@ -242,12 +247,11 @@ def linearity_index(belief: Belief, k: int) -> float:
     """
     feature, camera = belief.feature[k], belief.state.camera[POSITION]
     rho, rho_row = feature.mean[RHO], feature.start + RHO
-    m = bearing(feature.mean[AZIMUTH], feature.mean[ELEVATION])
-    square, along = 0.0, 0.0
+    m, y, square, along = bearing(feature.mean[AZIMUTH], feature.mean[ELEVATION])[0], place_of(feature), 0.0, 0.0
     for i in range(3):
-        sight = feature.mean[i] + m[0][i] / rho - camera[i]
+        sight = y[i] - camera[i]
         square += sight * sight
-        along += m[0][i] * sight
+        along += m[i] * sight
     sigma_d = math.sqrt(max(belief.covariance[rho_row, rho_row], 0.0)) / (rho * rho)
     return 4.0 * sigma_d * abs(along) / max(square, 1e-12)
 

@@ -35,6 +35,7 @@ from activeslam_gym.slam.belief import (
     Direction,
     bearing,
     fiducial_id,
+    place_of,
 )
 
 POSE_DIM = 6  # a pixel depends on the leading 6 dimensions of the camera's tangent: position and rotation
@@ -281,11 +282,7 @@ def _expected_place(belief: Belief, fiducials: np.ndarray, row: int) -> Directio
     K = fiducials.shape[0]
     if row < K:
         return fiducials[row, 0], fiducials[row, 1], fiducials[row, 2]
-    mean = belief.feature[row - K].mean
-    if belief.feature[row - K].kind == POINT:
-        return mean[0], mean[1], mean[2]
-    m, rho = bearing(mean[AZIMUTH], mean[ELEVATION])[0], mean[RHO]
-    return mean[0] + m[0] / rho, mean[1] + m[1] / rho, mean[2] + m[2] / rho
+    return place_of(belief.feature[row - K])
 
 
 @borrowing

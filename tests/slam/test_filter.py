@@ -186,7 +186,7 @@ def test_a_labelled_ray_is_weighed_by_its_own_detection_alone() -> None:
     detections = detections_at(np.stack((pixel, pixel + 3.0)), ids=[UNASSOCIATED, 1], R=np.stack((R_PAPER, R)))
     match_by_id(sight_of(belief), detections)
     belief.state.frame = 5
-    follow_rays(CAMERA, MODEL.particles, belief, NO_BOXES, detections, True)
+    follow_rays(CAMERA, MODEL, belief, NO_BOXES, detections, True)
     assert detections["match"].tolist() == [NEW, 1]
     assert (ray.seen, ray.misses) == (5, 0)
     np.testing.assert_allclose(weights, expected / expected.sum(), rtol=1e-9, atol=1e-300)

@@ -156,6 +156,20 @@ def test_features_wander_as_their_view_changes(kind: int, nearer: float) -> None
         (lambda f: f.add_landmark([1.0, 2.0], np.eye(3)), r"R must be .* \(2, 2\)"),
         (lambda f: f.update([[1.0, 2.0]]), "detections must be of type DETECTION"),
         (lambda f: f.update(detections_of([[1.0, np.inf]])), "detections must have finite pixels"),
+        (
+            lambda f: f.update(detections_of([[9.0, 9.0]], -R_PAPER)),
+            r"R of detections must be symmetric, with no .* -4",
+        ),
+        (lambda f: f.update(detections_of([[9.0, 9.0]], ids=[999]), True), r"id of labelled detections .* \[999\]"),
+        (
+            lambda f: f.add_landmark([1.0, 2.0], [[4.0, 9.0], [9.0, 4.0]]),
+            "R must be symmetric, with no eigenvalue under",
+        ),
+        (lambda f: Filter(camera=np.zeros(13)), "camera must have a quaternion of length 1"),
+        (lambda f: Filter(covariance=-np.eye(12)), "covariance must be symmetric, with no"),
+        (lambda f: Filter(boxes=[[[1.0] * 3, [-1.0] * 3]]), "boxes must have a lowest"),
+        (lambda f: f.resume(f.mean, [[0.0] * 3], np.eye(15)), "points must have positive inverse"),
+        (lambda f: setattr(f, "expected_inverse_depth", (-1.0, 0.3)), "expected_inverse_depth must be"),
     ],
 )
 def test_bad_inputs_are_named_and_change_nothing(call, message: str) -> None:
@@ -164,6 +178,18 @@ def test_bad_inputs_are_named_and_change_nothing(call, message: str) -> None:
         call(filter)
     assert filter.belief.state == Filter().belief.state
     np.testing.assert_array_equal(filter.belief.covariance, Filter().belief.covariance)
+
+
+@pytest.mark.parametrize("asked", [1, 2, 3])
+def test_so_many_detections_as_are_asked_initialise_a_feature_and_no_second_one(asked: int) -> None:
+    """The answer of `update` was not in the detections that `initialise` reads, and 1 took two."""
+    filter = Filter(Scenario(new_feature_detections=asked))
+    for frame in range(9):
+        found = detections_of([[100.0, 80.0]])
+        filter.predict()
+        filter.update(found)
+        filter.initialise(found)
+        assert filter.ids.tolist() == [1] * (frame + 1 >= asked)
 
 
 @pytest.mark.parametrize("initialisation", [INVERSE_DEPTH, DEPTH_PARTICLES])

@@ -58,14 +58,22 @@ def mutual_information_position_map(P: np.ndarray, sight: Sight, pixel_var: floa
 
 @compiled
 def _whitened(P: np.ndarray, sight: Sight) -> np.ndarray:
-    """A (2 v, 12 + 3 M) with A^T A = J = sum_i H_i^T S_i^-1 H_i: the rows U_i^-T H_i, where S_i = U_i^T U_i."""
-    A = np.zeros((2 * sight.point.shape[0], P.shape[0]))
-    for a in range(sight.point.shape[0]):
-        point, rows, U = sight.point[a], A[2 * a : 2 * a + 2], sight.S[2 * a : 2 * a + 2, 2 * a : 2 * a + 2].copy()
+    """A (2 v, 12 + 3 M) with A^T A = J = sum_i H_i^T S_i^-1 H_i: the rows U_i^-T H_i, where S_i = U_i^T U_i.
+
+    A measurement of more than two numbers is several consecutive points of one row. NaN where an S_i has no factor.
+    """
+    (v, first), A = (sight.point.shape[0], 0), np.zeros((2 * sight.point.shape[0], P.shape[0]))
+    for a in range(v):
+        point, rows = sight.point[a], A[2 * a : 2 * a + 2]
         copy_block(point.H_camera, rows)
         copy_block(point.H_feature[:, : point.width], rows[:, point.column :])
-        cholesky_in_place(U)
-        solve_transposed(U, rows)
+        if a == v - 1 or sight.point[a + 1].row != point.row:  # the last of its measurement
+            U = sight.S[2 * first : 2 * a + 2, 2 * first : 2 * a + 2].copy()
+            if not cholesky_in_place(U):
+                A[:] = np.nan
+                return A
+            solve_transposed(U, A[2 * first : 2 * a + 2])
+            first = a + 1
     return A
 
 
@@ -83,7 +91,9 @@ def fisher_trace(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
 def fisher_max_eigenvalue(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     """Largest eigenvalue of the same J = A^T A (the end of section III-B), which is that of A A^T (2 v, 2 v) too."""
     A = _whitened(P, sight)
-    return np.linalg.eigvalsh(product(A, A.T))[-1] if A.shape[0] > 0 else 0.0
+    if A.shape[0] == 0 or math.isnan(A[0, 0]):
+        return np.sum(A)
+    return np.linalg.eigvalsh(product(A, A.T))[-1]
 
 
 @compiled

@@ -40,12 +40,14 @@ def score_plans_with(
 
     ``look`` (P, pose) predicts the measurements. By ``net_information`` they are taken once for each frame of an
     action, the entropy that motions add is taken off, and plans end after ``frames`` frames. Where their covariance S
-    is not positive definite, or P not finite, the score is NaN.
+    is not positive definite, or P not finite, the score is NaN. Expected landmarks make the position no surer.
     """
     (out, position_std), net = np.zeros((2, len(plans))), criterion == "net_information"
     function, known = part_of("criterion", criterion, CRITERIA), np.zeros(MOST_OPEN_LOOPS, OPEN_LOOP)
+    size = CAMERA_DIM + 3 * (len(belief.points) - belief.waiting)
     for a, plan in enumerate(plans):
         P, pose, elapsed = belief.covariance, belief.camera, 0
+        C = P[:size, :size].copy()  # of the camera and the features
         for action in plan:
             if net and elapsed >= frames:
                 break
@@ -54,13 +56,17 @@ def score_plans_with(
             before, P = P, P.copy()
             propagate_by(motion, P, turn, taken, known)
             if net:
-                position_std[a] = max(position_std[a], math.sqrt(max(np.trace(P[POSITION, POSITION]), 0.0)))
+                propagate_by(motion, C, turn, taken, known)
+                position_std[a] = max(position_std[a], math.sqrt(max(np.trace(C[POSITION, POSITION]), 0.0)))
                 out[a] -= 0.5 * (log2_det(P) - log2_det(before))
             pose, elapsed = goal_pose(motion, belief, pose, int(action["motion"]), turn, taken), elapsed + taken
             sight, var = look(P, pose), pixel_var
             if net:  # as often as there are frames
                 var = pixel_var / max(taken, 1)
                 sight.S[np.diag_indices_from(sight.S)] += var - pixel_var
+                own = sight_with(sight.point[sight.point["column"] < size], C, size)
+                own.S[np.diag_indices_from(own.S)] += var - pixel_var
+                C = updated(C, own)
             before, P = P, updated(P, sight)
             if np.isfinite(before).all() and (not len(sight.S) or cholesky_in_place(sight.S.copy())):
                 where = f"for (motion, gaze, frames) {(*action.tolist()[:2], taken)} of plan {a}"

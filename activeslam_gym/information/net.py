@@ -6,7 +6,7 @@ the information of all measurements, less the entropy that the process noise add
 motion's own F has determinant 1.
 
 Beside it stands how uncertain the position becomes on the way: the camera's own covariance is propagated, and updated
-by fiducials and mapped points, whose errors count as noise of their own in each measurement.
+by fiducials and features, whose errors count as noise of their own in each measurement.
 """
 
 import math
@@ -197,7 +197,7 @@ def _downdate(G: np.ndarray, k: int, Y: np.ndarray, n: int) -> np.ndarray:
 def _measure(
     lens: Record, belief: PredictedBelief, course: Course, n: int, Y: np.ndarray, point: Record
 ) -> tuple[int, float]:
-    """Y += H^T R^-1 H of each fiducial and point that is measured; fiducials and mapped points add to J too.
+    """Y += H^T R^-1 H of each fiducial and point that is measured; fiducials and features add to J too.
 
     An expected landmark enters the state when it is first measured, and takes room among what the sensor initialises
     all along. Returns the new size of the state, and log2 |Y| of the priors of those that entered.

@@ -13,11 +13,12 @@ from activeslam_gym.information import CRITERIA
 from activeslam_gym.information import candidates as c
 from activeslam_gym.information.candidates import UNLIMITED, SensorLimits
 from activeslam_gym.information.entropy import EXPECTED, find_counting, update_expectation, waiting_count
-from activeslam_gym.information.foreign import score_plans_with
+from activeslam_gym.information.foreign import score_plans_with, sight_by
 from activeslam_gym.information.net import net_of_plans
 from activeslam_gym.motion import Gaze, Motion, motion_of, open_loop, turn_of
 from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, Belief
 from activeslam_gym.slam.map import remove_feature
+from examples.extend_range_sensor import RangeSensor
 from tests import support
 from tests.support import CAMERA, PAPER, log2_det, numerical_sight, predicted_belief_with, random_belief, world_points
 
@@ -169,7 +170,23 @@ def test_net_information_of_a_plan_is_the_fall_of_entropy_of_its_simulated_updat
     net_of_plans(CAMERA, MOTION, belief, 0.0, frames, plans, out, position_std)
     np.testing.assert_allclose(out, by_updates, rtol=1e-7, atol=1e-6)
     assert np.ptp(out) > 10.0 or frames == 7
-    assert (position_std >= 0.95 * std).all() and (position_std <= 3.0 * std).all()
+    assert (position_std >= (1.0 - 1e-9) * std).all() and (position_std <= 2.6 * std).all()
+    bare = c.without_present(CAMERA, belief, np.ones(len(points), bool))  # of expected landmarks, which are imaginary
+    look = partial(c.sight_after, CAMERA, bare)
+    without = score_plans_with(look, MOTION, bare, 0.0, plans, "net_information", R, frames)[1]
+    np.testing.assert_allclose(std, without, rtol=1e-9)
+
+
+def test_no_criterion_depends_on_how_a_sensor_mixes_its_numbers() -> None:
+    """Three correlated numbers are one measurement; and where there is no factor, the score is NaN."""
+    belief, T = case(0)[0], np.random.default_rng(0).normal(size=(3, 3))
+    plain, mixed = (RangeSensor(PAPER, np.random.SeedSequence(0)) for _ in range(2))
+    mixed.noise, mixed.predict = T @ plain.noise @ T.T, lambda *at: [T @ one for one in plain.predict(*at)]  # type: ignore
+    P = belief.covariance
+    own, other = (sight_by(sensor, belief, R, P, belief.camera) for sensor in (plain, mixed))
+    for name, criterion in CRITERIA.items():
+        assert criterion(P, own, R) == pytest.approx(criterion(P, other, R)), name
+        assert np.isnan(criterion(np.nan * P, own._replace(S=np.nan * own.S), R)), name
 
 
 @pytest.mark.parametrize("criterion", ["mutual_information", "net_information", "fisher_trace"])

@@ -157,11 +157,12 @@ class PythonPerception(Perception):
         matched = asked(f"update() of {of}", lambda: self._estimator.update(measurements))
         found["match"] = array_of(f"what update() of {of} returns", matched, (len(values),), int)
         events = run.episode.events
-        events.rejected_matches += np.count_nonzero(found["match"] == REJECTED)
-        if isinstance(self._estimator, Ekf):  # another one does not tell
-            for name in ("conversions", "restarts"):
+        if isinstance(self._estimator, Ekf):  # which tells what another one does not
+            for name in ("conversions", "restarts", "rejected_matches"):
                 events[name] += self._estimator.counts[name]
                 self._estimator.counts[name] = 0
+        else:
+            events.rejected_matches += np.count_nonzero(found["match"] == REJECTED)
         self._put_estimate(run, found["match"])
         if run.models.negative_information and not self._simulated:
             seen = seen_by(self._sensed, self.sensor, run.estimate.state.camera, run.expected["point"])

@@ -91,8 +91,9 @@ class CheckedScene:
 
     def __init__(self, scenario: Scenario, scene: Scene) -> None:
         self._of, self._scene = f"of the scene {name_of(scenario.scene)!r}", scene
-        half, self.start = 0.5 * np.array(scenario.room_size), getattr(scene, "start", None)
-        self._slack = slack = _ROUNDING * max(1.0, half.max())
+        half, self.start = 0.5 * np.array(scenario.room_size), self._start if hasattr(scene, "start") else None
+        self._half, self._slack = half, _ROUNDING * max(1.0, half.max())
+        slack = self._slack
         self.bounds = low, high = self._answer("bounds", lambda: scene.bounds, (2, 3))
         if not ((-half - slack <= low) & (low < high) & (high <= half + slack)).all():
             room = f"its lowest and highest corner, inside of ±{half.tolist()}"
@@ -119,6 +120,12 @@ class CheckedScene:
         if (np.abs(np.linalg.norm(normals, axis=1) - 1.0) > _ROUNDING).any():
             raise ValueError(f"sample() {self._of} must return normals of length 1, got {normals!r}")
         return points, normals
+
+    def _start(self, rng: np.random.Generator) -> np.ndarray:
+        place = self._answer("start()", lambda: self._scene.start(rng), (3,))  # type: ignore[attr-defined]
+        if (np.abs(place) > self._half).any():
+            raise ValueError(f"start() {self._of} must be inside of ±{self._half.tolist()}, got {place.tolist()}")
+        return place
 
     def _answer(
         self, name: str, answer: Callable[[], Any], shape: tuple[int, ...], kind: type[float | bool] = float

@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from activeslam_gym.camera import view_of, visible
+from activeslam_gym.camera import hidden, view_of, visible
 from activeslam_gym.envs.run import Run, known_boxes
 from activeslam_gym.information.entropy import VIEW, WAITING
 from activeslam_gym.kernels import Record, borrowing, compiled
@@ -91,7 +91,7 @@ def _draw_anew(models: Record, boxes: np.ndarray, draws: np.ndarray, view: np.nd
                 y[0], y[2] = math.copysign(half[0], side - 0.5 * half[2]), half[2] * (2.0 * draws[3 * t] - 1.0)
             else:
                 y[2] = math.copysign(half[2], side - half[2] - 0.5 * half[0])
-        unseen = True
+        unseen = models.on_surfaces or not hidden(boxes, y, y)  # and in no known box
         for v in range(view.shape[0]):
             pose = view[v].pose
             earlier = view_of(lens, pose, boxes)

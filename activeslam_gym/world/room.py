@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from activeslam_gym.camera import View, camera_of, ray_from_pixel, visible
-from activeslam_gym.config import ANYWHERE, CENTRE, CLUSTERS, CORNER, RANGES, WALL, NoRoomError, Scenario
+from activeslam_gym.config import ANYWHERE, CENTRE, CLUSTERS, CORNER, RANGES, UNIFORM, WALL, NoRoomError, Scenario
 from activeslam_gym.geometry import quaternion_exp, rotate_left, rotation_matrix
 from activeslam_gym.kernels import uncompiled
 from activeslam_gym.motion import ANGULAR_VELOCITY, CAMERA_SIZE, POSITION, QUATERNION, VELOCITY
@@ -111,11 +111,11 @@ def uniform_points(scenario: Scenario, count: int, rng: np.random.Generator) -> 
 
 
 def expected_points(scenario: Scenario, room: Room, rng: np.random.Generator) -> np.ndarray:
-    """(L, 3) where landmarks are expected [m]: anywhere in the room, or on its walls and known boxes (surfaces)."""
-    if scenario.on_surfaces:
-        known = room.boxes if scenario.boxes_known else room.boxes[:0]
-        return _landmarks(scenario, known, np.empty((0, 3)), rng, spacing=0.0)[:, :3]
-    return uniform_points(scenario, scenario.landmark_count, rng)
+    """(L, 3) where landmarks are expected [m]: in the room beside known boxes, or on its walls and these (surfaces)."""
+    layout = scenario.landmark_layout if scenario.on_surfaces else UNIFORM
+    known = room.boxes if scenario.boxes_known else room.boxes[:0]
+    anywhere = dataclasses.replace(scenario, landmark_layout=layout)
+    return _landmarks(anywhere, known, np.empty((0, 3)), rng, spacing=0.0)[:, :3]
 
 
 def _landmarks(

@@ -8,8 +8,10 @@ from activeslam_gym.config import Scenario
 from activeslam_gym.envs.disproof import WELL_INSIDE_PX, disprove
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.entropy import EXPECTED, WAITING
+from activeslam_gym.world.furniture import inside_any
 from tests.support import CAMERA, NO_BOXES, simulation_of
 
+BEHIND = ((-3.0, -1.0, -3.0), (3.0, 1.0, -1.0))
 HALF, POSE = np.array([3.0, 1.0, 3.0]), np.array([0.0, 0, 0, 1, 0, 0, 0])
 
 
@@ -25,7 +27,9 @@ def expectation(*points: tuple[float, float, float]) -> np.ndarray:
 
 def look(expected: np.ndarray, poses: list[np.ndarray], probability: float = 1.0) -> int:
     """Frames from ``poses``, of which 5 make a look; the number of viewpoints."""
-    run = simulation_of(gym.make("ActiveSLAM-v0", scenario={"landmark_count": len(expected)}))
+    scenario = {"landmark_count": len(expected), "boxes": (BEHIND,)}
+    run = simulation_of(gym.make("ActiveSLAM-v0", scenario=scenario))
+    run.world.boxes[0], run.world.state.boxes, run.models.boxes_known = BEHIND, 1, True
     run.models.lens, run.models.motion.half, run.models.on_surfaces = CAMERA, HALF, False
     run.models.filter.initialisation.new_feature_detections = 3
     run.models.filter.association.detection_probability, run.episode.redraw_key[:] = probability, 7
@@ -45,7 +49,7 @@ def test_a_look_from_one_place_counts_once() -> None:
     assert expected["redraws"][0] == 2 and expected["point"][0].tolist() == [0.0, 0.0, 2.0]
 
 
-def test_new_places_are_outside_of_all_viewpoints() -> None:
+def test_new_places_are_outside_of_all_viewpoints_and_of_known_boxes() -> None:
     rng, poses = np.random.default_rng(0), []
     for angle in (0.0, 0.8, 1.6):
         poses += [np.array([0.0, 0, 0, np.cos(angle / 2), 0, np.sin(angle / 2), 0])] * 12
@@ -53,6 +57,7 @@ def test_new_places_are_outside_of_all_viewpoints() -> None:
     assert look(expected, poses) == 3
     moved = expected["point"][expected["redraws"] > 0]
     assert len(moved) > 10 and not any(inside(pose, y) for pose in poses[::12] for y in moved)
+    assert not inside_any(moved, np.array([BEHIND])).any()
 
 
 def test_only_expected_points_move() -> None:

@@ -16,7 +16,7 @@ from activeslam_gym.kernels import row
 from activeslam_gym.motion import motion_of
 from activeslam_gym.world import simulator
 from activeslam_gym.world.furniture import PASSAGE, inside_any, reachable
-from activeslam_gym.world.room import Room, draw_room, varied
+from activeslam_gym.world.room import Room, draw_room, expected_points, varied
 
 BOX = np.array([[[1.0, -1.0, -0.5], [2.0, 1.0, 0.5]]])
 PLACES = ("office", "corridor", "rooms", "clusters", "corner", "sprint", "noisy", "mixed")
@@ -227,3 +227,5 @@ def test_a_random_legal_scenario_has_a_room_at_each_of_40_resets(seed: int) -> N
         assert room.fiducials.shape == (scenario.fiducial_count, 3)
         assert room.landmarks.shape == (scenario.landmark_count, 3)
         assert len(room.boxes) <= scenario.box_capacity
+        known = room.boxes if scenario.boxes_known else room.boxes[:0]
+        assert not inside_any(expected_points(drawn, room, rng), known).any()

@@ -2,6 +2,7 @@
 
 import math
 import operator
+import os
 import sys
 from collections.abc import Callable
 from enum import Enum
@@ -159,7 +160,8 @@ def whole_multiple(name: str, value: Any, unit_name: str, unit: float, most: int
 
 
 def plain(value: Any, levels: int = 3) -> Any:
-    """The value with tuples for lists and arrays, Python's numbers for scalars of NumPy, and values of enums' members.
+    """The value with tuples for lists and arrays, Python's numbers for scalars of NumPy, values of enums' members, and
+    strings for paths.
 
     An ellipsis replaces parts that are nested deeper than ``levels``, more than any field needs: messages stay short.
     """
@@ -171,4 +173,6 @@ def plain(value: Any, levels: int = 3) -> Any:
         return tuple(plain(part, levels - 1) for part in value)
     if isinstance(value, dict):
         return {name: plain(part, levels - 1) for name, part in value.items()}
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
     return value.value if isinstance(value, Enum) else value

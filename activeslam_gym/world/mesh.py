@@ -5,8 +5,10 @@ Rays by Embree (Wald, Woop, Benthin, Johnson and Ernst, "Embree: a kernel framew
 """
 
 import functools
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -16,6 +18,7 @@ from scipy.sparse.csgraph import connected_components
 from trimesh.transformations import rotation_matrix
 
 from activeslam_gym.config import ANYWHERE, CENTRE, NoRoomError, Scenario
+from activeslam_gym.config.bounds import is_number
 from activeslam_gym.world.scenes import AROUND
 
 _UP = {"y": np.eye(4), "z": rotation_matrix(-0.5 * np.pi, (1.0, 0.0, 0.0))}  # to Y up
@@ -33,7 +36,7 @@ class MeshFactory:
     unit: float = 1.0
 
     def __post_init__(self) -> None:
-        if self.up not in _UP or not 0.0 < self.unit < np.inf:
+        if self.up not in _UP or not is_number(self.unit) or self.unit <= 0.0:
             raise ValueError(f"up must be y or z, and unit a positive number of metres, got {self}")
 
     def fitted(self, scenario: Scenario) -> Scenario:
@@ -52,10 +55,9 @@ class MeshFactory:
 
 
 def _demand_plain_faces(path: str) -> None:
-    """A ValueError, if a face of the OBJ file is not convex, whose notch trimesh fills; or if faces count corners
-    backwards and more corners follow, since trimesh counts from the last one of the file."""
-    points, backwards = list[list[str]](), False
-    faces: dict[int, list[list[int]]] = {}  # by the number of corners
+    """A ValueError, if a face of the OBJ file is not convex; or if faces count corners backwards and more corners
+    follow, since trimesh counts from the last one of the file."""
+    points, faces, backwards = list[list[str]](), list[list[int]](), False
     for line in Path(path).read_text(errors="replace").replace("\\\n", " ").splitlines():  # a \ continues a line
         kind, *words = line.split() or [""]
         if kind == "v":
@@ -65,10 +67,27 @@ def _demand_plain_faces(path: str) -> None:
         elif kind == "f":
             numbers = [int(word.split("/")[0]) for word in words]  # from 1, or backwards from the last one so far
             backwards |= min(numbers) < 0
-            if len(words) > 3:
-                faces.setdefault(len(words), []).append([n - 1 if n > 0 else len(points) + n for n in numbers])
-    for rings in faces.values():
-        corners = np.array(points, float)[rings]
+            faces.append([n - 1 if n > 0 else len(points) + n for n in numbers])
+    _demand_convex(np.array(points, float), faces)
+
+
+def _demand_convex_in_ply(mesh: trimesh.Trimesh) -> None:
+    """A ValueError, if a face of the PLY file that trimesh has read is not convex."""
+    corners, faces = (mesh.metadata["_ply_raw"][part]["data"] for part in ("vertex", "face"))
+    names = faces if isinstance(faces, dict) else faces.dtype.names
+    of = next(name for name in ("vertex_index", "vertex_indices", *names) if name in names)
+    rings = faces[of] if isinstance(faces, dict) else faces[of]["f1"]  # "f0" counts them
+    _demand_convex(np.column_stack([corners[axis] for axis in "xyz"]), rings)
+
+
+def _demand_convex(points: np.ndarray, faces: Iterable[Any]) -> None:
+    """A ValueError, if one of the ``faces``, each of indices of ``points`` (n, 3), has a notch: trimesh fills it."""
+    polygons = dict[int, list[Any]]()  # by the number of corners
+    for face in faces:
+        if len(face) > 3:
+            polygons.setdefault(len(face), []).append(face)
+    for rings in polygons.values():
+        corners = points[np.array(rings)]
         edges = np.roll(corners, -1, axis=1) - corners
         turns = np.cross(np.roll(edges, 1, axis=1), edges)
         normal = np.cross(edges[:, :-1], corners[:, :1] - corners[:, :-1]).sum(axis=1)  # twice the area
@@ -83,6 +102,10 @@ def _loaded(factory: MeshFactory, _: int) -> "MeshScene":
         if Path(factory.path).suffix.lower() == ".obj":
             _demand_plain_faces(factory.path)
         mesh = trimesh.load(factory.path, force="mesh")
+        if not len(mesh.faces):
+            raise ValueError("it has no faces")
+        if Path(factory.path).suffix.lower() == ".ply":
+            _demand_convex_in_ply(mesh)
         mesh.apply_scale(factory.unit).apply_transform(_UP[factory.up])
     except Exception as error:
         raise ValueError(f"{name} is no mesh that can be read: {error}") from error
@@ -93,7 +116,7 @@ class MeshScene:
     """A ``mesh``, Y up, [m]; its middle becomes the origin. Errors begin with ``name``."""
 
     def __init__(self, mesh: trimesh.Trimesh, name: str) -> None:
-        if not len(mesh.faces) or not _SIDES[0] <= mesh.extents.max() <= _SIDES[1]:
+        if not _SIDES[0] <= mesh.extents.max() <= _SIDES[1]:
             raise ValueError(f"{name} is of {mesh.extents} m, and a room's longest side of {_SIDES}: another unit?")
         self._mesh, self._name, self._rays = mesh.copy(), name, EmbreeScene()
         self._mesh.apply_translation(-mesh.bounds.mean(axis=0))

@@ -65,6 +65,8 @@ class Scenario(FilterSettings, PriorSettings, MotionSettings, LensSettings, Room
         allowed = f"at most {longest:g} s, {MOST_HELD_FRAMES} times frame_time"
         default = type(self).gaze_horizon
         self._demand("gaze_horizon", self.gaze_horizon in (None, default) or self.gaze_horizon <= longest, allowed)
+        different = len({name for name, *_ in self.varied}) == len(self.varied)
+        self._demand("varied", different, "triples of different fields")
         for name, least, greatest in self.varied:  # where both ends are legal, all values between them are
             for end in (least, greatest):
                 replace(self, varied=(), **{name: end})

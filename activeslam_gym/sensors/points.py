@@ -6,7 +6,7 @@ from activeslam_gym.camera import View, camera_of, visible
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.motion import POSITION, QUATERNION
-from activeslam_gym.sensors.sensor import Detections
+from activeslam_gym.sensors.sensor import POINTS, Detections
 from activeslam_gym.slam.sight import POSE_DIM, point_measurement
 from activeslam_gym.world.truth import Truth
 
@@ -16,6 +16,9 @@ class PointSensor:
 
     A subclass may predict more numbers, with a larger ``noise``; they are measured as they are predicted. A point on a
     surface is seen from all sides, unlike by `points`.
+
+    Raises:
+        ValueError: the scenario has clutter or another true lens, which the sensor `points` alone simulates.
     """
 
     def __init__(self, scenario: Scenario, seed: np.random.SeedSequence) -> None:
@@ -23,16 +26,21 @@ class PointSensor:
         self.boxes = np.zeros((0, 2, 3))
         """(B, 2, 3) those that are known to hide landmarks [m]."""
         self._key, self._scenario = seed.generate_state(2), scenario
+        if scenario.sensor != POINTS:  # whose detections are simulated, where an estimator is foreign
+            self._demand_plain()
+
+    def _demand_plain(self) -> None:
+        for name, absent in (("clutter_rate", 0.0), ("true_focal_px", None), ("true_distortion", None)):
+            if (given := getattr(self._scenario, name)) != absent:
+                raise ValueError(f"scenario.{name} must be {absent}, got {given}: a sensor of one's own has none")
 
     def measure(self, truth: Truth, time: float) -> Detections:
         """Measure what is visible, and hidden by nothing; the draws of a point are its own.
 
         Raises:
-            ValueError: the scenario has clutter or another true lens, which the sensor `points` alone simulates.
+            ValueError: as the class.
         """
-        for name, absent in (("clutter_rate", 0.0), ("true_focal_px", None), ("true_distortion", None)):
-            if (given := getattr(self._scenario, name)) != absent:
-                raise ValueError(f"scenario.{name} must be {absent}, got {given}: a sensor of one's own has none")
+        self._demand_plain()
         camera, points = truth.camera, np.vstack((truth.fiducials, truth.landmarks))
         rng = np.random.default_rng((*self._key, round(1e6 * time)))
         noise = rng.standard_normal((len(points), len(self.noise))) @ np.linalg.cholesky(self.noise).T

@@ -47,6 +47,7 @@ OUT_OF_BOUNDS: tuple[tuple[str, str, tuple[Any, ...]], ...] = (
     ("boxes", "boxes ((x, y, z), (x, y, z)), the lowest and the highest corner of each", NO_BOXES),
     ("box_count", "two whole numbers from 0 to 100, in no decreasing order", ((3, 2), (0, 1.5), (-1, 1), 3, (1,))),
     ("varied", VARIED, ((("duration", 1, 2),), 3, ((np.ones(3), 1, 2),))),
+    ("varied", "triples of different fields", ((("pixel_std", 1.0, 2.0), ("pixel_std", 3.0, 4.0)),)),
     ("start", "one of centre, corner, wall, anywhere", ("middle", 3)),
     ("boxes_known", "True or False", (0, 1, None, "no")),
     ("room_size", "3 positive numbers", (6.0, (6.0, 2.0), (6.0, 2.0, 0.0), [6.0, 2.0, "6"], np.ones(2))),

@@ -39,9 +39,9 @@ class FilterSettings(bounds.Settings):
     detection_probability: bounds.Probability = 0.98
     """Detection probability that the filter assumes for a point in the image. Lower it where boxes occlude points."""
     gate_probability: bounds.Probability = 0.99
-    """Mass of the chi-square gate of a match (2 dof)."""
+    """Mass of the chi-square gate of a match made at once (2 dof)."""
     new_feature_gate_probability: bounds.Probability = 0.9999
-    """A new feature must lie outside this gate of every predicted feature."""
+    """A new feature must lie outside this gate of every predicted feature, a joint match inside."""
     new_feature_detections: bounds.PositiveInt = 3
     """Consecutive detections that initialise a feature."""
     mapped_depth_ratio: bounds.PositiveFloat = 0.3

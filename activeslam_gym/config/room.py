@@ -49,7 +49,7 @@ class RoomSettings(bounds.Settings):
     fiducial_count: bounds.PointCount = 6
     """Points of known position, in view of the first pose."""
     fiducial_distance: bounds.PositiveRange = (1.2, 2.0)
-    """Nearest and farthest depth of a fiducial from the first pose [m]."""
+    """Nearest and farthest depth of a fiducial from the first pose [m]; on surfaces up to 1.5 times that."""
     goal_margin: bounds.NonNegativeFloat = 0.4
     """Goals are clipped to stay this far from the walls [m]."""
     wall_margin: bounds.NonNegativeFloat = 0.1
@@ -57,7 +57,7 @@ class RoomSettings(bounds.Settings):
     boxes: bounds.Boxes = ()
     """Boxes that occlude points and stop the camera, lowest and highest corner of each [m]."""
     box_count: bounds.CountRange = (0, 0)
-    """Fewest and most boxes that a reset adds at random; they stand on the floor."""
+    """Fewest and most boxes that a reset tries to place on the floor at random."""
     box_width: bounds.PositiveRange = (0.5, 1.2)
     """Smallest and greatest side of a random box along X and Z [m]."""
     box_height: bounds.PositiveRange = (0.8, 1.8)

@@ -67,6 +67,7 @@ _UNKNOWN = np.zeros(3)  # normal of a plane that is not known
 _AROUND = 3.0  # around a corner in which a lost map is searched [px]
 _NEAR = 0.06  # share of the largest area that is searched where the map is lost: its views are sought anywhere
 _NEAREST = 3.0  # times the scenario's inverse depth: that of all that is nearer
+_GAP = 1.0 / 3.0, 2.5  # time [s] and frames between two images, from both of which on a hand may be anywhere
 
 
 class FrontEnd:
@@ -90,6 +91,7 @@ class FrontEnd:
         self._image = self._grey = np.zeros((0, 0))  # the last image at the filter's size: uint8, and float32
         self._last_view: np.ndarray | None = None  # pose (7,) from which the map was seen last
         self._blind = 0  # images in a row without the map
+        self._after_gap = False  # the map was not seen since a gap in time
         self._scale = 1.0  # pixels of an image, along a side, to one of the filter's
         self._target: Drawn | None = None
         self._restart = Restart(self.camera, filter.fiducials, self.settings.fiducial_std)
@@ -168,6 +170,8 @@ class FrontEnd:
         self._take(image)
         self._frame += 1
         dt, self._time = time_s - self._time, time_s
+        if self._last_view is not None and dt > max(_GAP[0], _GAP[1] * float(self.filter.models.motion.dt)):
+            self._blind, self._after_gap = s.lost_after, True
         self.filter.predict(u, dt, self.settings.drift / self._focal)
         before = self._relocalise() if self._is_lost else None
         self._search()
@@ -177,10 +181,10 @@ class FrontEnd:
         if before is not None and not seen:
             self.filter.restore(before)  # the map is not there
         if seen:
-            self._blind, self._last_view = 0, self.filter.mean[:7]
+            self._blind, self._last_view, self._after_gap = 0, self.filter.mean[:7], False
         elif self._blind > 0 or searched >= s.constellation:
             self._blind += 1
-        clear = self._blind == 0 or self._blind > s.trials
+        clear = self._blind == 0 or (self._blind > s.trials and not self._after_gap)
         dropped = self._heed_target()
         initialised, deletions = self._learn() if clear else (0, 0)
         again, metric = before is not None and seen, len(self.filter.fiducials) > 0
@@ -293,7 +297,7 @@ class FrontEnd:
             self._forget(id)
         self.filter.place_camera(*instead)
         self.filter.counts["restarts"] += 1
-        self._last_view = None
+        self._last_view, self._after_gap = None, False
         return len(ids)
 
     def _forget(self, id: int) -> None:

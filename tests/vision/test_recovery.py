@@ -31,8 +31,9 @@ def images() -> list[np.ndarray]:
 
 
 def tracked(images: list[np.ndarray], first: np.ndarray = POSES[0], **given) -> Track:
-    """A track from the target on, which is seen ``first`` from there; settings, or `watch`, are given."""
-    frames, watch = [(k / 30.0, image) for k, image in enumerate(images)], given.pop("watch", lambda *_: None)
+    """A track from the target on, which is seen ``first`` from there; settings, `watch`, or a `gap` [s], are given."""
+    gap, watch = given.pop("gap", 0.0), given.pop("watch", lambda *_: None)
+    frames = [(k / 30.0 + gap * (k >= SEEN), image) for k, image in enumerate(images)]
     return follow(frames, LENS, target_from(target_fields(first)), 30.0, FrontEndSettings(**given), watch=watch)
 
 
@@ -58,6 +59,14 @@ def test_after_a_covered_lens_the_map_is_found_again(images) -> None:
     dark = done.logs[SEEN - 1 : SEEN - 1 + AWAY]
     assert sum(log.initialised + log.deletions for log in dark) == 0, "nothing is learnt in the dark"
     assert errors(done, POSES[-6:]).max() < 0.02
+
+
+def test_after_a_gap_in_time_nothing_is_learnt_until_the_map_is_found_again(images) -> None:
+    done = tracked(images[:SEEN] + [np.full((240, 320), 99, np.uint8)] * 2 * AWAY + images[SEEN:], gap=2.0)
+    assert done.lost[SEEN : SEEN + 2 * AWAY].all() and not done.lost[-9:].any()
+    assert errors(done, POSES[-9:]).max() < 0.02
+    at_once = tracked(images, gap=5.0)
+    assert not at_once.lost.any() and errors(at_once, POSES[SEEN:]).max() < 0.02
 
 
 def test_a_constellation_tells_the_pose_among_outliers() -> None:

@@ -195,23 +195,24 @@ Box = tuple[slice, slice]  # rows and columns of a part of an image
 
 def drawn(
     image: np.ndarray, camera: Record, target: Target, pose: np.ndarray, fiducials: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """The ``image`` (h, w) as float32 with the target drawn as it is seen from ``pose`` (>= 7,), and the pixels (K, 2)
-    of its ``fiducials`` (K, 3).
+) -> tuple[np.ndarray, np.ndarray, bool]:
+    """The ``image`` (h, w) as float32 with the target drawn as it is seen from ``pose`` (>= 7,), the pixels (K, 2) of
+    its ``fiducials`` (K, 3), and whether it is a rectangle that is brighter than its sheet.
 
     A template cut from a picture has the picture's aliasing for ever: a corner a quarter of a pixel off stays off. One
     that is drawn is off by the error of each new image alone.
     """
-    out = image.astype(np.float32)
+    out, bright = image.astype(np.float32), False
     if isinstance(target, Rectangle):
-        _draw_rectangle(out, camera, target, pose)
+        bright = _draw_rectangle(out, camera, target, pose)
     else:
         _draw_board(out, camera, target, pose)
-    return out, projected(camera, pose, fiducials)
+    return out, projected(camera, pose, fiducials), bright
 
 
-def _draw_rectangle(out: np.ndarray, camera: Record, target: Rectangle, pose: np.ndarray) -> None:
-    """Draw the edges of a rectangle into ``out`` (h, w), and ``_BESIDE`` pixels beside them."""
+def _draw_rectangle(out: np.ndarray, camera: Record, target: Rectangle, pose: np.ndarray) -> bool:
+    """Draw the edges of a rectangle into ``out`` (h, w), and ``_BESIDE`` pixels beside them. Whether it is brighter
+    than these."""
 
     def depths(X: np.ndarray) -> np.ndarray:
         """Whether, and how far [px], each point is inside the rectangle."""
@@ -222,9 +223,10 @@ def _draw_rectangle(out: np.ndarray, camera: Record, target: Rectangle, pose: np
     box = _box_around(projected(camera, pose, target.fiducials), _BESIDE, out.shape)
     inside, depth = _pixel_means(camera, pose, box, _EDGE_RAYS, depths)
     part = out[box]
-    dark, bright = np.median(part[(depth > 1.5) & (depth < 4.0)]), np.median(part[(depth < -1.5) & (depth > -4.0)])
+    within, beside = np.median(part[(depth > 1.5) & (depth < 4.0)]), np.median(part[(depth < -1.5) & (depth > -4.0)])
     near = np.abs(depth) < _BESIDE
-    part[near] = (bright + (dark - bright) * inside)[near]
+    part[near] = (beside + (within - beside) * inside)[near]
+    return bool(within > beside)
 
 
 def _draw_board(out: np.ndarray, camera: Record, board: Board, pose: np.ndarray) -> None:
@@ -239,11 +241,12 @@ def _draw_board(out: np.ndarray, camera: Record, board: Board, pose: np.ndarray)
 
 
 def as_first_seen(
-    camera: Record, target: Target, first: np.ndarray, fiducials: np.ndarray, pose: np.ndarray, k: int
+    camera: Record, target: Target, first: np.ndarray, fiducials: np.ndarray, bright: bool, pose: np.ndarray, k: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """The target around corner ``k`` of its ``fiducials`` (K, 3) from ``pose`` (>= 7,), where little is known of its
     surroundings: the picture (h, w) float32, NaN beside it, and the corner's pixel (2,). A rectangle's sheet reaches as
-    far beyond the edges as `drawn` demands of the view from ``first`` (>= 7,).
+    far beyond the edges as `drawn` demands of the view from ``first`` (>= 7,); it is dark where the target is
+    ``bright``.
 
     Raises:
         ValueError: as `printed_rectangle`, or too little is known around a rectangle, since it is not nearer than then.
@@ -253,12 +256,14 @@ def as_first_seen(
         if np.linalg.norm(pose[:3]) > _NEARER * distance:
             raise ValueError("too little is known around the target")
         beside = 2.0 * (_BESIDE + _RIM) * distance / camera.focal
-        return printed_rectangle(camera, target, (target.width + beside, target.height + beside), pose, k, 0.0)
-    out, picture, pixel = _nothing(camera), printed(target), projected(camera, pose, fiducials[k : k + 1])
-    box = _box_around(pixel, _AROUND, out.shape)
+        sheet = target.width + beside, target.height + beside
+        picture, pixel = printed_rectangle(camera, target, sheet, pose, k, 0.0)
+        return (_BLACK + _WHITE - picture if bright else picture), pixel
+    out, whole, corner = _nothing(camera), printed(target), projected(camera, pose, fiducials[k : k + 1])
+    box = _box_around(corner, _AROUND, out.shape)
     if min(out[box].shape) > 0:
-        out[box] = _pixel_means(camera, pose, box, _BOARD_RAYS, lambda X: printed_value(target, picture, X))
-    return out, pixel[0]
+        out[box] = _pixel_means(camera, pose, box, _BOARD_RAYS, lambda X: printed_value(target, whole, X))
+    return out, corner[0]
 
 
 def _nothing(camera: Record) -> np.ndarray:

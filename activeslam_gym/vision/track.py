@@ -132,9 +132,9 @@ def start(
     P[:6, :6] = covariance
     front_end = FrontEnd(Filter(scenario, fiducials=fiducials, camera=mean, covariance=P), settings)
     camera = front_end.camera
-    picture, pixels = drawn(reduced(image, calibration.scale), camera, target, pose, fiducials)
+    picture, pixels, bright = drawn(reduced(image, calibration.scale), camera, target, pose, fiducials)
     front_end.start(image, time_s, -1 - np.arange(len(pixels)), pixels, picture, _BEHIND)
-    front_end.show(partial(as_first_seen, camera, target, pose, fiducials), _BEHIND, pose)
+    front_end.show(partial(as_first_seen, camera, target, pose, fiducials, bright), _BEHIND, pose)
     return front_end
 
 

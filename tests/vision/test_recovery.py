@@ -159,8 +159,10 @@ def matched_fiducials(images: list[np.ndarray], **settings) -> tuple[Track, list
     return tracked(images, NEARER[0], watch=watch, **settings), matched
 
 
-def test_a_target_is_found_at_a_third_of_its_first_distance() -> None:
+@pytest.mark.parametrize("bright", [False, True])
+def test_a_target_is_found_at_a_third_of_its_first_distance(bright: bool) -> None:
     images = [image_from(pose, target=True, samples=2) for pose in NEARER]
+    images = [255 - image for image in images] if bright else images
     done, matched = matched_fiducials(images)
     assert all(len(one) >= 3 for one in matched[-8:]), matched[-8:]
     assert errors(done, NEARER)[-8:].max() < 0.003

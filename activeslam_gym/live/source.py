@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -173,14 +172,12 @@ class RealCamera:
         self._straighten, self._target, self._rate = straighten, target, rate
         self.original: np.ndarray | None = None
         """(h, w) uint8 the last image, before it was mapped."""
-        slow = {"controller_frequency": min(5.8, 0.5 * rate), "rate_loop_time": max(0.1, 1.0 / rate)}
-        self._fields: dict[str, Any] = {"room_size": _DESK, **slow}  # the slow ones are unused, but checked
         self._see_through(calibration)
 
     def _see_through(self, calibration: Calibration) -> None:
         """The lens is that of a ``calibration``."""
         self._calibration = calibration
-        self.scenario = scenario_of(calibration, True, self._rate, **self._fields)
+        self.scenario = scenario_of(calibration, True, self._rate, room_size=_DESK)
 
     def _mapped(self, frame: Frame) -> Frame:
         """The frame as the calibration's lens sees it. Raises ValueError: it is of another size."""

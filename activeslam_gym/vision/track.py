@@ -150,7 +150,9 @@ def scenario_of(
     if not (isinstance(features, int) and FEWEST <= features <= MOST):
         raise ValueError(f"features must be a whole number from {FEWEST} to {MOST}, got {features!r}")
     size = {"landmark_count": features - SPARE_FEATURES}
-    return calibration.scenario(**HAND_HELD | size | ({} if metric else UNSCALED) | fields, frame_time=1.0 / rate)
+    unused = {"controller_frequency": min(5.8, 0.5 * rate), "rate_loop_time": max(0.1, 1.0 / rate)}  # but checked
+    own = HAND_HELD | size | unused | ({} if metric else UNSCALED)
+    return calibration.scenario(**own | fields, frame_time=1.0 / rate)
 
 
 def follow(

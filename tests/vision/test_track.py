@@ -198,6 +198,7 @@ def test_times_may_begin_anywhere(sequence) -> None:
     target = read_target(sequence / "target.json")
     from_0, later = (follow(zip(count(first, 1 / 32), images), LENS, target, 32.0) for first in (0.0, 2.0**30))
     np.testing.assert_array_equal(later.cameras, from_0.cameras)
+    assert not follow(zip(count(0.0, 0.5), images), LENS, target, 2.0).lost.any()
 
 
 IMAGES = [image_from(pose, samples=2) for pose in path(12)]

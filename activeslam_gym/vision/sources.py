@@ -91,7 +91,7 @@ def images_of(
     file, kind, own = Path(path), Path(path).suffix.lower(), None
     rows = read_times(times or path) if times or kind in LISTS else []
     stamps = [stamp for stamp, _ in rows] if timed else []
-    if file.is_file() and kind not in LISTS + PICTURES:
+    if is_video := file.is_file() and kind not in LISTS + PICTURES:
         stored, own, count = _video(file)
     else:
         files = _picture_files(path, read_times(path) if times and kind in LISTS else rows)
@@ -112,12 +112,18 @@ def images_of(
             said = f"by these, {own:.3g} images a second, and {_RATES[0]:g} to {_RATES[1]:g} are allowed"
             raise ValueError(f"{times or path}: times must be in s, or in ns since 1970; {said}")
     if rate and own and abs(rate / own - 1.0) > 0.02:
-        print(f"{path} has {own:.2f} images a second by its times, and --rate is {rate:g}", file=sys.stderr)
+        used = "the times are used" if stamps else "--rate is used"
+        print(f"{path} has {own:.2f} images a second by its times, and --rate is {rate:g}: {used}", file=sys.stderr)
     elif stamps and not rows:
         print(f"{path}: {own or 0.0:.2f} images a second, by the times in their names", file=sys.stderr)
+    elif len(stamps) > 1 and (np.diff(stamps) == 1.0).all():
+        say = "1 image a second, by its times; if they are numbers of images, give the pictures and --rate instead"
+        print(f"{times or path}: {say}", file=sys.stderr)
+    elif timed and not (stamps or rate or own):
+        print(f"{path}: {USUAL_RATE:g} images a second are assumed; --rate or --times gives others", file=sys.stderr)
     usual = rate or own or USUAL_RATE
     numbered = (k / usual for k in itertools.count())
-    clock = None if timed and own and not stamps and not rate else iter(stamps or numbered)
+    clock = None if timed and is_video and not stamps and not rate else iter(stamps or numbered)
     return Images(_begun(_timed(stored, clock, size)), usual, count, stamps[0] if stamps else 0.0)
 
 
@@ -222,11 +228,12 @@ def _begun(frames: Iterator[Frame]) -> Iterator[Frame]:
 
 def _timed(images: Iterator[_Stored], clock: Iterator[float] | None, size: tuple[int, int] | None) -> Iterator[Frame]:
     """The images with their times, from 0 on, by the ``clock`` or their own; each grey and of the first one's size."""
-    shape, first, last = None, 0.0, -math.inf
+    shape, first, last, told = None, 0.0, -math.inf, {""}
     for name, own, pixels, tag, turns in images:
         if turns and size not in (None, pixels.shape[1::-1]) and size == pixels.shape[:2]:
             pixels = np.rot90(pixels, turns)
-        elif tag and shape is None:
+        elif tag not in told:
+            told.add(tag)
             print(f"{name}: its {tag} is not followed: the lens is of the picture as it is stored", file=sys.stderr)
         grey, stamp = _grey(pixels), own if clock is None else next(clock, None)
         if shape is None:
@@ -255,12 +262,14 @@ def _pictures(files: list[Path]) -> Iterator[_Stored]:
         try:
             with Image.open(file) as image:
                 kind, pages = image.mode, getattr(image, "n_frames", 1) if image.format != "MPO" else 1
-                tag = image.getexif().get(0x0112, 1)
+                tag, is_tiff = image.getexif().get(0x0112, 1), image.format == "TIFF"
                 pixels = np.array(image.convert("L" if kind in ("1", "L", "LA", "La") else "RGB"))
         except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
             raise SourceError(f"{file} cannot be read as a picture") from None
         if kind[0] in "IF":
             raise SourceError(f"{file} has {kind} pixels; 8 bits a channel are needed")
+        if is_tiff and tag != 1:  # Pillow follows it, and not rightly
+            raise SourceError(f"{file} is a TIFF with Orientation {tag}, which is not read: store it without that tag")
         if pages > 1:
             raise SourceError(f"{file} holds {pages} pages; one picture a file is needed")
         yield _Stored(file.name, None, pixels, f"EXIF Orientation {tag}" if tag != 1 else "", _TURNS.get(tag, 0))
@@ -275,13 +284,16 @@ def _video(path: Path) -> tuple[Iterator[_Stored], float | None, int | None]:
     try:
         container = av.open(str(path))
         stream = container.streams.video[0]
-    except (av.error.FFmpegError, OSError, IndexError):
+    except IndexError:
+        raise SourceError(f"{path} holds no images") from None
+    except (av.error.FFmpegError, OSError):
         why = "it is empty" if path.stat().st_size == 0 else "it is damaged, or its codec is unknown"
         raise SourceError(f"{path} cannot be read as a video: {why}") from None
     if container.format.name == "tty":  # FFmpeg would draw its letters
         raise SourceError(f"{path} is a text; a list of images ends with {' or '.join(LISTS)}")
     stream.thread_type = "AUTO"
-    rate = float(stream.average_rate or 0.0) or None
+    stated = float(stream.average_rate or 0.0) or None
+    rate = stated or _rate_of_packets(path)
     length = float((stream.duration or 0) * (stream.time_base or 0)) or (container.duration or 0) / av.time_base
 
     def images() -> Iterator[_Stored]:
@@ -289,11 +301,14 @@ def _video(path: Path) -> tuple[Iterator[_Stored], float | None, int | None]:
         try:
             for count, frame in enumerate(container.decode(stream), 1):
                 grey = frame.format.name.startswith("gray")
-                pixels, last = frame.to_ndarray(format="gray" if grey else "rgb24"), frame.time or last
+                pixels = frame.to_ndarray(format="gray" if grey else "rgb24")
                 tag = f"rotation of {frame.rotation} degrees" if frame.rotation else ""
                 name, stamp = f"image {count - 1} of {path.name}", frame.time
-                if stamp is not None and rate and abs(round(stamp * rate) / rate - stamp) <= (frame.time_base or 0):
-                    stamp = round(stamp * rate) / rate  # its clock is coarse: Matroska's has milliseconds
+                if stamp is not None:
+                    even = round(stamp * stated) / stated if stated else stamp
+                    if last < even and abs(even - stamp) < 0.501 * float(frame.time_base or 0):
+                        stamp = even  # its clock is coarse: Matroska's has milliseconds
+                    last = stamp
                 yield _Stored(name, stamp, pixels, tag, round(frame.rotation / 90) % 4)
         except av.error.FFmpegError as error:
             damage = f" ({error})"
@@ -306,6 +321,16 @@ def _video(path: Path) -> tuple[Iterator[_Stored], float | None, int | None]:
             print(f"{ending}: is its end cut off?", file=sys.stderr)
 
     return images(), rate, stream.frames or (round(length * rate) if rate else 0) or None
+
+
+def _rate_of_packets(path: Path) -> float | None:
+    """Images a second by the times of the first images of a video whose container states no rate."""
+    import av
+
+    with av.open(str(path)) as container:
+        packets = itertools.islice(container.demux(video=0), 200)
+        times = [float(packet.pts * packet.time_base) for packet in packets if packet.pts is not None]
+    return (len(times) - 1) / (max(times) - min(times)) if len({*times}) > 1 else None
 
 
 def _live(name: str) -> Iterator[Frame]:

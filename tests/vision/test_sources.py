@@ -1,6 +1,7 @@
 """Images and their times are read as people have them: lists, names, tags of orientation, videos of variable rate."""
 
 import json
+import wave
 from fractions import Fraction
 from pathlib import Path
 
@@ -65,7 +66,10 @@ def test_a_list_is_a_source(name: str, folder: str, tmp_path, capsys) -> None:
     (tmp_path / "times.txt").write_text(LISTS["times.txt"])
     assert seen(images_of(tmp_path / name, times=tmp_path / "times.txt").frames) == [0, 1, 2, 3]
     images_of(tmp_path / name, 30.0)
-    assert "20.00 images a second by its times, and --rate is 30" in capsys.readouterr().err
+    assert "20.00 images a second by its times, and --rate is 30: the times are used" in capsys.readouterr().err
+    (tmp_path / "numbers.csv").write_text("".join(f"{k},{folder}/{k}.png\n" for k in range(4)))
+    images_of(tmp_path / "numbers.csv")
+    assert "if they are numbers of images" in capsys.readouterr().err
 
 
 BAD_LISTS = {
@@ -105,7 +109,9 @@ def test_times_in_names_are_used_unless_a_rate_is_given(tmp_path, capsys) -> Non
         assert images_of(tmp_path / name).rate == pytest.approx(20.0, rel=1e-4)
         assert "20.00 images a second, by the times in their names" in capsys.readouterr().err
         assert [time for time, _ in images_of(tmp_path / name, 10.0).frames] == [0.0, 0.1, 0.2, 0.3]
-        assert "20.00 images a second by its times, and --rate is 10" in capsys.readouterr().err
+        assert "20.00 images a second by its times, and --rate is 10: --rate is used" in capsys.readouterr().err
+    assert images_of(pictures(tmp_path / "numbered", ["1.png"])[0].parent).rate == 30.0
+    assert "30 images a second are assumed; --rate or --times" in capsys.readouterr().err
     rare = pictures(tmp_path / "rare", [f"{1305031102 + 10 * k}.png" for k in range(4)])[0].parent
     for found in (images_of(rare, 10.0), images_of(rare, timed=False)):
         assert seen(found.frames) == [0, 1, 2, 3]
@@ -123,6 +129,9 @@ def test_a_tag_turns_only_what_the_lens_needs_turned(tmp_path, capsys) -> None:
     ((_, turned),) = images_of(tmp_path / "a", size=(24, 32)).frames
     assert turned.shape == (32, 24) and turned[0, 0] == 23 and turned[0, -1] == 0
     assert "Orientation" not in capsys.readouterr().err
+    Image.fromarray(np.zeros((24, 32), np.uint8)).save(tmp_path / "a/1.tif", tiffinfo={0x0112: 6})
+    with pytest.raises(SourceError, match="TIFF with Orientation 6"):
+        list(images_of(tmp_path / "a").frames)
 
 
 def test_alpha_is_left_out_and_other_pixels_are_refused(tmp_path) -> None:
@@ -155,11 +164,14 @@ def video(path: Path, stamps: list[int]) -> Path:
     return path
 
 
-def test_a_video_has_its_own_times(tmp_path, capsys) -> None:
-    stamps = [500, 520, 540, 580, 620]
+@pytest.mark.parametrize("stated", [True, False])
+@pytest.mark.parametrize("stamps", [[500, 520, 540, 580, 620], [0, 65, 66, 131, 132]])
+def test_a_video_has_its_own_times(stamps: list[int], stated: bool, tmp_path, capsys) -> None:
     path = video(tmp_path / "a.mkv", stamps)
+    if not stated:  # the default duration of an image, four bytes, becomes void
+        path.write_bytes(path.read_bytes().replace(b"\x23\xe3\x83\x84", b"\xec\x86\0\0"))
     frames = list(images_of(path).frames)
-    np.testing.assert_allclose([time for time, _ in frames], 1e-3 * (np.array(stamps) - 500.0), atol=1e-9)
+    np.testing.assert_allclose([time for time, _ in frames], 1e-3 * (np.array(stamps) - stamps[0]), atol=1e-9)
     assert seen(frames) == [0, 5, 10, 15, 20] and capsys.readouterr().err == ""
     assert [time for time, _ in images_of(path, 10.0).frames] == [0.0, 0.1, 0.2, 0.3, 0.4]
     assert "--rate is 10" in capsys.readouterr().err
@@ -201,12 +213,16 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for _ in range(5):
         writer.write(cv2.applyColorMap(image, cv2.COLORMAP_JET))
     writer.release()
+    with wave.open(str(home / "sound.wav"), "wb") as sound:
+        sound.setparams((1, 2, 8000, 0, "NONE", ""))
+        sound.writeframes(bytes(16000))
     (home / "codec.avi").write_bytes((home / "film.avi").read_bytes().replace(b"MJPG", b"QQQQ"))
     return home
 
 
 TABLE = [
     ("track", {"images": "codec.avi"}, "codec.avi cannot be read as a video"),
+    ("track", {"images": "sound.wav"}, "sound.wav holds no images"),
     ("track", {"images": "hollow"}, "hollow/0.png cannot be read as a picture"),
     ("track", {"images": "empty"}, "the folder empty holds no picture"),
     ("track", {"images": "none.mp4"}, "there is no none.mp4"),
@@ -232,7 +248,7 @@ TABLE = [
 @pytest.mark.parametrize(("command", "wrong", "said"), TABLE, ids=lambda value: str(value)[:40])
 def test_a_bad_input_is_one_line(command, wrong, said, home, capfd, monkeypatch) -> None:
     monkeypatch.chdir(home)
-    if wrong.get("images") == "codec.avi":
+    if wrong.get("images") in ("codec.avi", "sound.wav"):
         pytest.importorskip("av", reason="PyAV is not installed")
     options = {**(GOOD if command == "track" else PICTURES), **wrong}
     try:

@@ -23,7 +23,8 @@ from activeslam_gym import config
 from activeslam_gym.metrics import camera_error, nees
 from activeslam_gym.motion import CAMERA_SIZE
 from activeslam_gym.vision.calibration import Calibration
-from activeslam_gym.vision.other_lenses import Lens, Remap, fitted
+from activeslam_gym.vision.lens_files import Lens
+from activeslam_gym.vision.other_lenses import Remap, fitted
 from activeslam_gym.vision.room.camera import RoomCamera
 from activeslam_gym.vision.room.scene import TARGET_SIZE
 from activeslam_gym.vision.settings import FEATURES

@@ -26,8 +26,9 @@ from scipy.spatial.transform import Rotation
 from activeslam_gym.files import argument, demand_writable_file, written_whole
 from activeslam_gym.vision.calibration import Calibration, calibration_from
 from activeslam_gym.vision.first_sight import LEAST_CORNERS, corners_in, refined
+from activeslam_gym.vision.lens_files import Lens
 from activeslam_gym.vision.opencv import opencv
-from activeslam_gym.vision.other_lenses import Lens, fitted, projected_by
+from activeslam_gym.vision.other_lenses import fitted, projected_by
 from activeslam_gym.vision.sources import SourceError, images_of
 from activeslam_gym.vision.target import CHARUCO, Board, printed
 from activeslam_gym.vision.views import reduced

@@ -18,7 +18,8 @@ from activeslam_gym.live.device import Device
 from activeslam_gym.live.source import GuidanceError
 from activeslam_gym.vision.board import BOARD, View, find_board, fit_lens
 from activeslam_gym.vision.first_sight import seen_corners
-from activeslam_gym.vision.other_lenses import Lens, lens_from, projected_by, read_lens
+from activeslam_gym.vision.lens_files import Lens, read_lens
+from activeslam_gym.vision.other_lenses import lens_from, projected_by
 from activeslam_gym.vision.sources import SourceError, images_of
 from activeslam_gym.vision.target import Board, printed, printed_value, target_from
 from activeslam_gym.vision.views import projected

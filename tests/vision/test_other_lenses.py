@@ -11,7 +11,8 @@ cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 pytest.importorskip("yaml", reason="the extra `vision` is not installed")
 
 from activeslam_gym.camera import pixel_from_camera_point
-from activeslam_gym.vision.other_lenses import Lens, Remap, fitted, lens_from, projected_by, read_lens
+from activeslam_gym.vision.lens_files import Lens, read_lens
+from activeslam_gym.vision.other_lenses import Remap, fitted, lens_from, projected_by
 from tests.vision_scene import LENS
 
 MATRIX = np.array(((500.0, 0.0, 310.0), (0.0, 502.0, 245.0), (0.0, 0.0, 1.0)))
@@ -33,18 +34,20 @@ def test_the_residual_is_what_the_pixels_of_points_differ_by(fisheye: bool) -> N
     assert typical < 2.0
 
 
-def test_a_lens_of_equation_1_is_found_to_the_last_digit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "cameras.txt").write_text("1 SIMPLE_PINHOLE 320 240 195 160.5 120.5\n")
+@pytest.mark.parametrize("f", [195.0, 8000.0])
+def test_a_lens_of_equation_1_is_found_to_the_last_digit(
+    f: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "cameras.txt").write_text(f"1 SIMPLE_PINHOLE 320 240 {f} 160.5 120.5\n")
     found, _ = lens_from(tmp_path / "cameras.txt")
-    np.testing.assert_allclose(found, (320, 240, 195.0, 160.0, 120.0, 0.0), atol=1e-9)
+    np.testing.assert_allclose(found, (320, 240, f, 160.0, 120.0, 0.0), atol=1e-9)
     assert "by 0.00 px" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("fisheye", [False, True])
-def test_images_are_mapped_to_equation_1_to_a_tenth_of_a_pixel(fisheye: bool) -> None:
-    lens = Lens(
-        (640, 480), fisheye, MATRIX, np.array((-0.25, 0.08, 0.0, 0.0) if fisheye else (-0.3, 0.1, 0.002, 0.001))
-    )
+@pytest.mark.parametrize(("fisheye", "fy"), [(False, 502.0), (True, 502.0), (False, 590.0)])
+def test_images_are_mapped_to_equation_1_to_a_tenth_of_a_pixel(fisheye: bool, fy: float) -> None:
+    bent = (-0.25, 0.08, 0.0, 0.0) if fisheye else (-0.3, 0.1, 0.002, 0.001)
+    lens = Lens((640, 480), fisheye, MATRIX + np.diag((0.0, fy - 502.0, 0.0)), np.array(bent))
     calibration, _, greatest = fitted(lens, "here")
     assert greatest > 1.0  # or there would be nothing to map
     straighten, camera = Remap(lens, calibration), calibration.camera
@@ -60,13 +63,20 @@ def test_images_are_mapped_to_equation_1_to_a_tenth_of_a_pixel(fisheye: bool) ->
         np.testing.assert_allclose(there, ours, atol=0.1)
 
 
-@pytest.mark.parametrize(("model", "k1", "seen"), [("OPENCV", -0.4, 42.0), ("OPENCV_FISHEYE", -0.35, 56.0)])
+@pytest.mark.parametrize(
+    ("model", "f", "bent", "seen"),
+    [
+        ("OPENCV", 520, "-0.4 0 0 0", 42),
+        ("OPENCV_FISHEYE", 520, "-0.35 0 0 0", 56),
+        ("OPENCV_FISHEYE", 230, "-0.02 0.01 -0.012 -0.003", 81),
+    ],
+)
 def test_of_a_lens_that_folds_nothing_is_shown_twice(
-    model: str, k1: float, seen: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    model: str, f: int, bent: str, seen: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "cameras.txt").write_text(f"1 {model} 640 480 520 520 320.5 240.5 {k1} 0 0 0\n")
+    (tmp_path / "cameras.txt").write_text(f"1 {model} 640 480 {f} {f} 320.5 240.5 {bent}\n")
     calibration, straighten = lens_from(tmp_path / "cameras.txt")
-    assert f"black beyond {seen:.0f} degrees" in capsys.readouterr().err
+    assert f"black beyond {seen} degrees" in capsys.readouterr().err
     v, u = np.mgrid[:480, :640]
     darker = np.rint(250.0 - 0.5 * np.hypot(u - 320.0, v - 240.0)).astype(np.uint8)
     image = straighten((0.0, darker))[1].astype(int)
@@ -157,6 +167,8 @@ FISHEYE_FILES = {
     "basalt": BASALT.format("kb4"),
     "a flag": json.dumps(FX | {"fisheye": True, "D": json.loads(FISHEYE)}),
     "a mask's flag": CAMODOCAL.format("KANNALA_BRANDT", "fisheye: 0\n", KANNALA),
+    "a flag beside a pinhole": json.dumps(FX | {"model": "pinhole", "fisheye": True, "D": json.loads(FISHEYE)}),
+    "gyroflow": json.dumps(SIZE | {"fisheye_params": {"camera_matrix": MATRIX.tolist(), "D": json.loads(FISHEYE)}}),
     "colmap": "2 OPENCV_FISHEYE 640 480 500 502 310.5 245.5 0.01 -0.003 0.001 0.0002\n",
 }
 FILES = [(False, name, text) for name, text in RADIAL_FILES.items()]
@@ -191,6 +203,8 @@ def test_a_camera_is_chosen_by_name_or_number(camera: str, tmp_path: Path) -> No
     assert "cam0 of cam0, cam1" in lens_in(chain, tmp_path).note
     lens = lens_in(chain, tmp_path, camera)
     assert lens.fisheye and lens.coefficients.tolist() == [0.1, 0.2, 0.3, 0.4] and not lens.note
+    second = EIGHT[EIGHT.index("Camera.fx") :].replace("Camera", "Camera2")
+    assert lens_in(EIGHT + second, tmp_path, "2").fisheye
     with pytest.raises(ValueError, match="--camera cam2 .* cam0, cam1"):
         lens_in(chain, tmp_path, "cam2")
 
@@ -205,6 +219,9 @@ def test_a_camera_is_chosen_by_name_or_number(camera: str, tmp_path: Path) -> No
         (KALIBR.format("fisheye", "radtan", RADIAL), "contradict"),
         (CAMODOCAL.format("MEI", BENT, FOUR), "MEI"),
         (EIGHT.replace("k4", "p1"), "p1"),
+        (EIGHT.replace("KannalaBrandt8", "pinhole"), "must be named, fisheye or radtan"),
+        (f"Camera: {json.dumps(FX)}\nLEFT: {json.dumps(FX | {'k1': 0.1})}\n", "--camera LEFT for others"),
+        ("a: 1\n", "intrinsics are missing: write image_width"),
         (ROS.format("equidistant", "[0.1, 0.1, 0.1, 0.1, 0.1]", K), "5 coefficients"),
         (ROS.format("plumb_bob", RADIAL, K) + ROI.format(2, 0, 0, 0, 0), "binning_x"),
         *((json.dumps(FX | {name: [0.1, 0.2]}), name) for name in ("distortion", "coeffs", "radial", "alpha", "t1")),

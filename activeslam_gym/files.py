@@ -9,11 +9,17 @@ from tempfile import TemporaryFile
 
 @contextmanager
 def written_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A path to write to beside ``path``, whose folder is made; when the block is over, that file becomes ``path``.
+    """A path to write to beside ``path``, whose folder is made; when the block is over, that file becomes ``path``, or
+    the target of that link.
 
     Where the block fails, what was at ``path`` stays and the unfinished file is removed.
+
+    Raises:
+        OSError: a folder, a pipe or a device is there, or it cannot be written to.
     """
-    target = Path(path)
+    target = Path(path).resolve()
+    if target.exists() and not target.is_file():
+        raise OSError(f"{str(path)!r} is no regular file")
     target.parent.mkdir(parents=True, exist_ok=True)
     unfinished = target.with_name(f".{os.getpid()}.{target.name}")  # ends alike: some writers go by the suffix
     try:
@@ -104,8 +110,8 @@ def demand_writable_file(path: Path) -> None:
 
     Raises:
         OSError: its folder cannot be written to.
-        ValueError: it is a folder.
+        ValueError: it is a folder, a pipe or a device.
     """
-    demand_writable(path.parent)
-    if path.is_dir():
-        raise ValueError(f"{path} is a folder; allowed: a file")
+    demand_writable((path.resolve() if path.is_symlink() else path).parent)
+    if path.exists() and not path.is_file():
+        raise ValueError(f"{path} is a folder, a pipe or a device; allowed: a file")

@@ -21,6 +21,7 @@ PURPLE, YELLOW = "#CC79A7", "#F0E442"
 OUTCOMES = {MATCHED: (GREEN, "found"), MISSED: (PURPLE, "missed"), DOUBTED: (YELLOW, "rejected")}
 """Colour and word for each outcome of a search; none is the target's or the camera's."""
 _WIDTH = 640  # least width of the view [px]
+_WAY = 2000  # most points of the way that is drawn
 _SIGMAS_SEEN, _SIGMAS = 3.0, 2.0  # of the ellipses in the view and in the map
 
 
@@ -73,12 +74,15 @@ def film_to(
         ModuleNotFoundError: OpenCV is not installed.
         OSError: at the end, the film cannot be read again: the disk is full.
     """
-    cv2, way, writer, unfinished = opencv(), list[np.ndarray](), None, path
+    cv2, way, writer, unfinished, count, every = opencv(), list[np.ndarray](), None, path, 0, 1
     with ExitStack() as at_close:
 
         def add(moment: Moment) -> None:
-            nonlocal writer, unfinished
-            way.append(moment.camera[:7])
+            nonlocal writer, unfinished, count, every
+            if len(way) > _WAY:
+                way[:], every = way[::2], 2 * every
+            way[math.ceil(count / every) :] = [moment.camera[:7]]
+            count += 1
             picture = view(moment)
             picture = np.hstack((picture, from_above(moment, way, picture.shape, room)))
             if writer is None:
@@ -93,7 +97,7 @@ def film_to(
             if writer is not None:
                 writer.release()
         # OpenCV does not tell that it could not write a picture
-        if way and cv2.VideoCapture(str(unfinished)).get(cv2.CAP_PROP_FRAME_COUNT) < len(way):
+        if way and cv2.VideoCapture(str(unfinished)).get(cv2.CAP_PROP_FRAME_COUNT) < count:
             raise OSError(f"{path} cannot be written as a video (is the disk full?)")
 
 

@@ -44,6 +44,7 @@ _SEARCHED = 1000  # a board is searched in images no longer than this [px]
 _WINDOWS = {"chessboard": 0.2, CHARUCO: 0.1}  # half sides of the windows in which corners are refined, in squares
 _BOUND = 1.0  # residual beyond which a corner counts little [px]
 _FAR, _QUIET = 4.0, 0.25  # a view is left out at so many medians of all views' residuals, each at least so many pixels
+_UNLIKE = 3.0  # residual of equation 1 over that of radtan, from which the lens has not equation 1
 _NO_LENS = 0.005  # residual from which the pictures agree on no lens, as a share of the image's width
 _WORST = 1e12  # condition of the scaled J^T J from which it is singular
 _VAGUE = 0.1  # deviation of a focal length that the pictures do not determine, as a share of it
@@ -109,8 +110,10 @@ def fit_lens(views: Sequence[View], width: int, height: int, model: str = MODELS
     residual = _plausible(math.sqrt(float(np.mean(residuals**2))), width)
     calibration = fitted(lens, "the fitted lens")[0]
     if model == MODELS[0]:
-        calibration, residual, stds = _equation_1([views[k] for k in kept], calibration, poses)
-        _plausible(residual, width)
+        own, (calibration, residual, stds) = residual, _equation_1([views[k] for k in kept], calibration, poses)
+        if _plausible(residual, width) > max(_BOUND, _UNLIKE * own):
+            found = f"its residual is {residual:.1f} px, and {own:.1f} px with --model radtan"
+            raise ValueError(f"the lens has not equation 1, or its pixels are not square: {found}, which fits")
     if stds[0] >= _VAGUE * calibration.focal_px or math.isinf(stds[0]):
         about = f"focal length {calibration.focal_px:.0f} +- {stds[0]:.0f} px"
         raise ValueError(
@@ -218,7 +221,8 @@ def calibrate(images: str | Path, kind: str, columns: int, rows: int, out: str |
         raise ValueError(f"{what} was found in {len(views)} pictures; {LEAST_PICTURES} or more are needed")
     fit = fit_lens(views, shape[1], shape[0], model)
     if left_out := np.delete(numbers, fit.kept).tolist():
-        print(f"left out, since their corners contradict the others': images {left_out}, from 0", file=sys.stderr)
+        named = ", ".join(source.names[k] if source.names else f"image {k} (from 0)" for k in left_out)
+        print(f"left out, since their corners contradict the others': {named}", file=sys.stderr)
     with written_whole(Path(out)) as unfinished:
         fields = fit.lens.fields() if fit.lens else fit.calibration._asdict()
         unfinished.write_text(json.dumps(fields, indent=1) + "\n")
@@ -257,11 +261,15 @@ class BoardCalibration:
         self._views: list[View] = []
         self._shown: list[np.ndarray] = []
         self._last: View | None = None
+        self._shape, self._why = tuple[int, ...](), ""
         self.fit: Fit | None = None
         """The lens, as soon as it is known."""
 
     def add(self, image: np.ndarray) -> str:
         """Take in an image (h, w) uint8; a sentence for the person who waves. At the end there is a `fit`."""
+        if self._views and image.shape != self._shape:
+            (h, w), (height, width) = image.shape, self._shape
+            return f"Turn the device back: the first views are of {width} x {height} pixels, and this one of {w} x {h}."
         view = find_board(image, BOARD.kind, BOARD.columns, BOARD.rows)
         before, self._last = self._last, view
         if view is None or len(view[0]) < _CORNERS:
@@ -277,19 +285,21 @@ class BoardCalibration:
                 self._needs = needs
                 self._shown.append(shows)
                 self._keep(view, image.shape)
-            words = next(iter(self._needs), "Tilt the board in other ways, nearer and farther away")
+            words = self._why or next(iter(self._needs), "Tilt the board in other ways, nearer and farther away")
         return f"{words} ({len(self._views)} views so far)."
 
     def _keep(self, view: View, shape: tuple[int, ...]) -> None:
         """Keep a view, and try a fit where views are enough."""
         self._views.append(view)
+        self._shape = shape
         enough = len(self._views) >= _MOST
         if len(self._views) <= self._tried or (self._needs and not enough):
             return
         self._tried = len(self._views) + 1
         try:
             fit = fit_lens(self._views, shape[1], shape[0])
-        except ValueError:  # it is not determined yet
+        except ValueError as error:  # it is not determined yet
+            self._why = f"No lens is found: {error}" if enough else ""
             return
         if enough or fit.stds[0] < _SURE * fit.calibration.focal_px:
             self.fit = fit

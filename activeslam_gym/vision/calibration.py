@@ -81,6 +81,14 @@ def calibration_from(fields: dict[str, Any], where: str = "the calibration") -> 
     return found
 
 
+def unique(pairs: list[tuple[Any, Any]]) -> dict[Any, Any]:
+    """The fields of these names and values; a ValueError: a name is there twice."""
+    if len(fields := dict(pairs)) < len(pairs):
+        names = [name for name, _ in pairs]
+        raise ValueError(f"{next(name for k, name in enumerate(names) if name in names[:k])} is there twice")
+    return fields
+
+
 def read_object(path: str | Path) -> dict[str, Any]:
     """The JSON object in a file.
 
@@ -90,9 +98,11 @@ def read_object(path: str | Path) -> dict[str, Any]:
     """
     text = text_of(path)
     try:
-        value = json.loads(text)
-    except ValueError as error:
+        value = json.loads(text, object_pairs_hook=unique)
+    except json.JSONDecodeError as error:
         raise ValueError(f"{path} is no JSON: {error}") from None
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
     except RecursionError:
         raise ValueError(f"{path} is nested too deeply") from None
     if not isinstance(value, dict):

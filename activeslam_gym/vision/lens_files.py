@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from activeslam_gym.files import text_of
+from activeslam_gym.vision.calibration import unique
 
 EITHER = ("", "pinhole", "perspective", "rectified", "none")
 RADIAL = ("radtan", "radialtangential", "plumbbob", "rationalpolynomial", "brown", "opencv", "pinholefull",
@@ -125,12 +126,6 @@ def _parsed(text: str) -> list[Any]:
     class Loader(yaml.BaseLoader):
         def construct_mapping(self, node: Any, deep: bool = False) -> Any:
             return unique(self.construct_pairs(node, deep))
-
-    def unique(pairs: list[tuple[Any, Any]]) -> dict[Any, Any]:
-        if len(fields := dict(pairs)) < len(pairs):
-            names = [name for name, _ in pairs]
-            raise ValueError(f"{next(name for k, name in enumerate(names) if name in names[:k])} is there twice")
-        return fields
 
     def of_xml(node: ElementTree.Element) -> Any:
         parts = [(part.tag, of_xml(part)) for part in node]

@@ -50,6 +50,7 @@ class Images(NamedTuple):
     rate: float  # images a second [Hz]
     total: int | None  # of images, or about so many; None: unknown
     origin: float = 0.0  # time of the first image in the source's own clock [s]
+    names: tuple[str, ...] = ()  # of the pictures, where they are files
 
 
 class _Stored(NamedTuple):
@@ -88,7 +89,7 @@ def images_of(
         if times is not None:
             raise ValueError("times are for stored images; a live camera has its own")
         return Images(_begun(_live(str(path))), rate or USUAL_RATE, None)
-    file, kind, own = Path(path), Path(path).suffix.lower(), None
+    file, kind, own, files = Path(path), Path(path).suffix.lower(), None, list[Path]()
     rows = read_times(times or path) if times or kind in LISTS else []
     stamps = [stamp for stamp, _ in rows] if timed else []
     if is_video := file.is_file() and kind not in LISTS + PICTURES:
@@ -124,7 +125,8 @@ def images_of(
     usual = rate or own or USUAL_RATE
     numbered = (k / usual for k in itertools.count())
     clock = None if timed and is_video and not stamps and not rate else iter(stamps or numbered)
-    return Images(_begun(_timed(stored, clock, size)), usual, count, stamps[0] if stamps else 0.0)
+    names = tuple(file.name for file in files)
+    return Images(_begun(_timed(stored, clock, size)), usual, count, stamps[0] if stamps else 0.0, names)
 
 
 def read_times(path: str | Path) -> list[tuple[float, str]]:

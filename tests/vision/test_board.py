@@ -16,7 +16,8 @@ from activeslam_gym.geometry import quaternion_exp, rotation_matrix
 from activeslam_gym.live import source as live_source
 from activeslam_gym.live.device import Device
 from activeslam_gym.live.source import GuidanceError
-from activeslam_gym.vision.board import BOARD, View, find_board, fit_lens
+from activeslam_gym.vision import board
+from activeslam_gym.vision.board import BOARD, BoardCalibration, View, find_board, fit_lens
 from activeslam_gym.vision.first_sight import seen_corners
 from activeslam_gym.vision.lens_files import Lens, read_lens
 from activeslam_gym.vision.other_lenses import lens_from, projected_by
@@ -117,6 +118,20 @@ def test_a_view_found_in_the_wrong_place_is_left_out(bad) -> None:
     assert fit.kept == list(range(bad, len(views)))
 
 
+def test_a_picture_that_is_left_out_is_named(tmp_path, monkeypatch, capsys) -> None:
+    views = iter(misplaced(1))
+    monkeypatch.setattr(board, "find_board", lambda *_: next(views))
+    for k in range(10):
+        cv2.imwrite(str(tmp_path / f"shot{k}.png"), np.zeros((480, 640), np.uint8))
+    board.calibrate(tmp_path, "chessboard", COLUMNS, ROWS, tmp_path / "lens.json")
+    assert "shot0.png" in capsys.readouterr().err
+
+
+def test_pixels_that_are_not_square_are_no_lens_of_equation_1() -> None:
+    with pytest.raises(ValueError, match="--model radtan"):
+        fit_lens([(points, pixels * (1.0, 1.09)) for points, pixels in pinhole(0, 0.1)], 640, 523)
+
+
 def test_a_pincushion_is_fitted() -> None:
     views = pinhole(1, 0.1, -4e-7)
     fit = fit_lens(views, 640, 480)
@@ -193,6 +208,12 @@ def test_the_legacy_pattern_of_a_charuco_board_is_found_or_named(tmp_path) -> No
     assert target_from({"kind": "charuco-legacy", **fields}) == legacy
     with pytest.raises(ValueError, match='pattern of kind "charuco-legacy"'):
         seen_corners(image, CAMERA, target_from({"kind": "charuco", **fields}))
+
+
+def test_views_of_another_size_are_refused() -> None:
+    calibration = BoardCalibration()
+    calibration._keep(EXACT[0], FLAT.shape)
+    assert "Turn the device back: the first views are of 320 x 240" in calibration.add(FLAT.T)
 
 
 LARGE = enlarged(LENS, 2)

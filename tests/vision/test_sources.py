@@ -205,6 +205,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (home / "rare" / f"{1305031102 + seconds}.png").symlink_to(home / "good" / "0.png")
     changes = {"lens": {}, "nan": {"focal_px": float("nan")}, "other": {"image_width": 640, "distortion": 0.0}}
     texts = {f"{name}.json": json.dumps(LENS._asdict() | change) for name, change in changes.items()}
+    texts |= {"twice.json": texts["lens.json"].replace("{", '{"focal_px": 200.0, ')}
     texts |= {"hollow/0.png": "", "words.json": "focal 195", "board.json": json.dumps(BOARD)}
     texts |= {"target.json": json.dumps(target_fields(path(1)[0]))}
     for name, text in texts.items():
@@ -231,6 +232,7 @@ TABLE = [
     ("calibrate", {"images": "resized"}, "1.png is of 320 x 200 pixels"),
     ("track", {"calibration": "other.json"}, "of images of 640 x 240 pixels, got 320 x 240"),
     ("track", {"calibration": "nan.json"}, "focal_px must be a finite number"),
+    ("track", {"calibration": "twice.json"}, "focal_px is there twice"),
     ("track", {"calibration": "words.json"}, "words.json is no JSON"),
     ("track", {"calibration": "board.json"}, "board.json holds no lens"),
     ("track", {"calibration": "none.json"}, "No such file"),

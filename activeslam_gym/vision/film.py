@@ -74,14 +74,12 @@ def film_to(
         ModuleNotFoundError: OpenCV is not installed.
         OSError: at the end, the film cannot be read again: the disk is full.
     """
-    cv2, way, writer, unfinished, count, every = opencv(), list[np.ndarray](), None, path, 0, 1
+    cv2, way, writer, unfinished, count = opencv(), list[np.ndarray](), None, path, 0
     with ExitStack() as at_close:
 
         def add(moment: Moment) -> None:
-            nonlocal writer, unfinished, count, every
-            if len(way) > _WAY:
-                way[:], every = way[::2], 2 * every
-            way[math.ceil(count / every) :] = [moment.camera[:7]]
+            nonlocal writer, unfinished, count
+            lengthen(way, count, moment.camera[:7])
             count += 1
             picture = view(moment)
             picture = np.hstack((picture, from_above(moment, way, picture.shape, room)))
@@ -99,6 +97,15 @@ def film_to(
         # OpenCV does not tell that it could not write a picture
         if way and cv2.VideoCapture(str(unfinished)).get(cv2.CAP_PROP_FRAME_COUNT) < count:
             raise OSError(f"{path} cannot be written as a video (is the disk full?)")
+
+
+def lengthen(way: list[np.ndarray], count: int, pose: np.ndarray) -> None:
+    """Add the ``pose`` (7,) after ``count`` others to the ``way``, which keeps at most `_WAY` of them, evenly, and the
+    last."""
+    every = 2 ** math.ceil(math.log2(max(count / _WAY, 1.0)))
+    if every > 1 and count == every // 2 * _WAY + 1:
+        way[:] = way[::2]
+    way[math.ceil(count / every) :] = [pose]
 
 
 def view(moment: Moment) -> np.ndarray:

@@ -230,12 +230,12 @@ def _begun(frames: Iterator[Frame]) -> Iterator[Frame]:
 
 def _timed(images: Iterator[_Stored], clock: Iterator[float] | None, size: tuple[int, int] | None) -> Iterator[Frame]:
     """The images with their times, from 0 on, by the ``clock`` or their own; each grey and of the first one's size."""
-    shape, first, last, told = None, 0.0, -math.inf, {""}
+    shape, first, last, reported = None, 0.0, -math.inf, {""}
     for name, own, pixels, tag, turns in images:
         if turns and size not in (None, pixels.shape[1::-1]) and size == pixels.shape[:2]:
             pixels = np.rot90(pixels, turns)
-        elif tag not in told:
-            told.add(tag)
+        elif tag not in reported:
+            reported.add(tag)
             print(f"{name}: its {tag} is not followed: the lens is of the picture as it is stored", file=sys.stderr)
         grey, stamp = _grey(pixels), own if clock is None else next(clock, None)
         if shape is None:

@@ -92,10 +92,9 @@ def test_an_interrupted_write_leaves_the_old_file_and_json_has_nulls(tmp_path: P
     assert list(tmp_path.iterdir()) == [path]
     write_json(path, {"a": [1.0, np.nan], "b": {"c": -np.inf}})
     assert json.loads(path.read_text()) == {"a": [1.0, None], "b": {"c": None}}
-    (tmp_path / "link").symlink_to(path)
+    os.symlink(path, tmp_path / "link"), os.mkfifo(tmp_path / "pipe")
     write_json(tmp_path / "link", 2)
     assert path.read_text().strip() == "2"
-    os.mkfifo(tmp_path / "pipe")
     with pytest.raises(OSError, match="no regular file"):
         write_json(tmp_path / "pipe", 3)
 

@@ -105,31 +105,16 @@ def misplaced(bad: int) -> list[View]:
     return views
 
 
-def test_views_of_which_half_are_wrong_are_refused() -> None:
-    with pytest.raises(ValueError, match="agree on no lens"):
-        fit_lens(misplaced(5), 640, 480)
-
-
 @pytest.mark.parametrize("bad", [1, 2])
-def test_a_view_found_in_the_wrong_place_is_left_out(bad) -> None:
-    views = misplaced(bad)
-    fit = fit_lens(views, 640, 480)
+def test_a_view_found_in_the_wrong_place_is_named_and_left_out(bad, tmp_path, monkeypatch, capsys) -> None:
+    views, found = misplaced(bad), iter(misplaced(bad))
+    monkeypatch.setattr(board, "find_board", lambda *_: next(found))
+    for k in range(len(views)):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), np.zeros((480, 640), np.uint8))
+    fit = board.calibrate(tmp_path, "chessboard", COLUMNS, ROWS, tmp_path / "lens.json")
+    assert f" {bad - 1}.png" in capsys.readouterr().err
     assert abs(fit.calibration.focal_px - 520.0) < 3.0 * fit.stds[0]
     assert fit.kept == list(range(bad, len(views)))
-
-
-def test_a_picture_that_is_left_out_is_named(tmp_path, monkeypatch, capsys) -> None:
-    views = iter(misplaced(1))
-    monkeypatch.setattr(board, "find_board", lambda *_: next(views))
-    for k in range(10):
-        cv2.imwrite(str(tmp_path / f"shot{k}.png"), np.zeros((480, 640), np.uint8))
-    board.calibrate(tmp_path, "chessboard", COLUMNS, ROWS, tmp_path / "lens.json")
-    assert "shot0.png" in capsys.readouterr().err
-
-
-def test_pixels_that_are_not_square_are_no_lens_of_equation_1() -> None:
-    with pytest.raises(ValueError, match="--model radtan"):
-        fit_lens([(points, pixels * (1.0, 1.09)) for points, pixels in pinhole(0, 0.1)], 640, 523)
 
 
 def test_a_pincushion_is_fitted() -> None:
@@ -139,9 +124,14 @@ def test_a_pincushion_is_fitted() -> None:
     assert fit.residual_px == pytest.approx(0.1, rel=0.1)
 
 
-def test_boards_that_all_face_the_camera_do_not_tell_the_lens() -> None:
-    with pytest.raises(ValueError, match="tilt the board"):
-        fit_lens(pinhole(1, 0.1, 4e-7, tilt=0.0), 640, 480)
+FACING, OBLONG = pinhole(1, 0.1, 4e-7, tilt=0.0), [(points, z * (1.0, 1.09)) for points, z in pinhole(0, 0.1)]
+REFUSED = [(misplaced(5), "agree on no lens"), (FACING, "tilt the board"), (OBLONG, "--model radtan")]
+
+
+@pytest.mark.parametrize(("views", "word"), REFUSED)
+def test_views_that_do_not_tell_the_lens_are_refused(views: list[View], word: str) -> None:
+    with pytest.raises(ValueError, match=word):
+        fit_lens(views, 640, 480)
 
 
 def test_hidden_files_and_folders_are_no_images_and_other_endings_are_reported(tmp_path, capsys) -> None:
@@ -210,12 +200,6 @@ def test_the_legacy_pattern_of_a_charuco_board_is_found_or_named(tmp_path) -> No
         seen_corners(image, CAMERA, target_from({"kind": "charuco", **fields}))
 
 
-def test_views_of_another_size_are_refused() -> None:
-    calibration = BoardCalibration()
-    calibration._keep(EXACT[0], FLAT.shape)
-    assert "Turn the device back: the first views are of 320 x 240" in calibration.add(FLAT.T)
-
-
 LARGE = enlarged(LENS, 2)
 PICTURE = printed(BOARD)
 PLACES = {"upper left": (-1, 1), "upper right": (1, 1), "lower left": (-1, -1), "lower right": (1, -1)}
@@ -253,6 +237,9 @@ def test_one_who_follows_the_guidance_calibrates_and_the_lens_is_used_at_once(
         [""],
         None,
     )
+    calibration = BoardCalibration()
+    calibration._keep(EXACT[0], FLAT.shape)
+    assert "Turn the device back: the first views are of 320 x 240" in calibration.add(FLAT.T)
     with pytest.raises(GuidanceError, match="Calibration: Hold the board"):
         source.start(np.full((480, 640), 128, np.uint8))
     while started is None and len(heard) < 80:

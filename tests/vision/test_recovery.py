@@ -53,20 +53,13 @@ def test_after_images_that_are_missing_the_map_is_found_again(images) -> None:
     assert errors(without, POSES[-2:]).min() > 0.05, "the test is one that needs it"
 
 
-def test_after_a_covered_lens_the_map_is_found_again(images) -> None:
-    covered = [np.full((240, 320), 7, np.uint8)] * AWAY
-    done = tracked(images[:SEEN] + covered + images[SEEN:])
-    dark = done.logs[SEEN - 1 : SEEN - 1 + AWAY]
+@pytest.mark.parametrize(("away", "gap"), [(AWAY, 0.0), (2 * AWAY, 2.0), (0, 5.0)])
+def test_after_a_covered_lens_or_a_gap_in_time_the_map_is_found_again(images, away: int, gap: float) -> None:
+    done = tracked(images[:SEEN] + [np.full((240, 320), 7, np.uint8)] * away + images[SEEN:], gap=gap)
+    dark = done.logs[SEEN - 1 : SEEN - 1 + away]
     assert sum(log.initialised + log.deletions for log in dark) == 0, "nothing is learnt in the dark"
+    assert done.lost[SEEN : SEEN + away].all() and not done.lost[-6:].any()
     assert errors(done, POSES[-6:]).max() < 0.02
-
-
-def test_after_a_gap_in_time_nothing_is_learnt_until_the_map_is_found_again(images) -> None:
-    done = tracked(images[:SEEN] + [np.full((240, 320), 99, np.uint8)] * 2 * AWAY + images[SEEN:], gap=2.0)
-    assert done.lost[SEEN : SEEN + 2 * AWAY].all() and not done.lost[-9:].any()
-    assert errors(done, POSES[-9:]).max() < 0.02
-    at_once = tracked(images, gap=5.0)
-    assert not at_once.lost.any() and errors(at_once, POSES[SEEN:]).max() < 0.02
 
 
 def test_a_constellation_tells_the_pose_among_outliers() -> None:

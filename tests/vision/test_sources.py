@@ -1,7 +1,6 @@
 """Images and their times are read as people have them: lists, names, tags of orientation, videos of variable rate."""
 
 import json
-import wave
 from fractions import Fraction
 from pathlib import Path
 
@@ -67,9 +66,6 @@ def test_a_list_is_a_source(name: str, folder: str, tmp_path, capsys) -> None:
     assert seen(images_of(tmp_path / name, times=tmp_path / "times.txt").frames) == [0, 1, 2, 3]
     images_of(tmp_path / name, 30.0)
     assert "20.00 images a second by its times, and --rate is 30: the times are used" in capsys.readouterr().err
-    (tmp_path / "numbers.csv").write_text("".join(f"{k},{folder}/{k}.png\n" for k in range(4)))
-    images_of(tmp_path / "numbers.csv")
-    assert "if they are numbers of images" in capsys.readouterr().err
 
 
 BAD_LISTS = {
@@ -164,8 +160,7 @@ def video(path: Path, stamps: list[int]) -> Path:
     return path
 
 
-@pytest.mark.parametrize("stated", [True, False])
-@pytest.mark.parametrize("stamps", [[500, 520, 540, 580, 620], [0, 65, 66, 131, 132]])
+@pytest.mark.parametrize(("stamps", "stated"), [([500, 520, 540, 580, 620], False), ([0, 65, 66, 131, 132], True)])
 def test_a_video_has_its_own_times(stamps: list[int], stated: bool, tmp_path, capsys) -> None:
     path = video(tmp_path / "a.mkv", stamps)
     if not stated:  # the default duration of an image, four bytes, becomes void
@@ -194,7 +189,7 @@ PICTURES = {"images": "good", "columns": "9", "rows": "6", "out": "lens.out"}
 def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with one good sequence and many bad files."""
     home, image = tmp_path_factory.mktemp("bad"), image_from(path(1)[0], target=True, samples=2)
-    folders = {"good": [image] * 3, "resized": [image, image[:200]], "deep": [image.astype(np.uint16)], "empty": []}
+    folders = {"good": [image] * 3, "resized": [image, image[:200]], "deep": [image.astype(np.uint16)]}
     for name, pictures in folders.items():
         (home / name).mkdir()
         for k, picture in enumerate(pictures):
@@ -214,20 +209,14 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for _ in range(5):
         writer.write(cv2.applyColorMap(image, cv2.COLORMAP_JET))
     writer.release()
-    with wave.open(str(home / "sound.wav"), "wb") as sound:
-        sound.setparams((1, 2, 8000, 0, "NONE", ""))
-        sound.writeframes(bytes(16000))
     (home / "codec.avi").write_bytes((home / "film.avi").read_bytes().replace(b"MJPG", b"QQQQ"))
     return home
 
 
 TABLE = [
     ("track", {"images": "codec.avi"}, "codec.avi cannot be read as a video"),
-    ("track", {"images": "sound.wav"}, "sound.wav holds no images"),
     ("track", {"images": "hollow"}, "hollow/0.png cannot be read as a picture"),
-    ("track", {"images": "empty"}, "the folder empty holds no picture"),
     ("track", {"images": "none.mp4"}, "there is no none.mp4"),
-    ("track", {"images": "no*.png"}, "nothing matches the pattern no*.png"),
     ("track", {"images": "deep"}, "8 bits a channel are needed"),
     ("calibrate", {"images": "resized"}, "1.png is of 320 x 200 pixels"),
     ("track", {"calibration": "other.json"}, "of images of 640 x 240 pixels, got 320 x 240"),
@@ -241,7 +230,6 @@ TABLE = [
     ("track", {"times": "none.txt"}, "--times: none.txt: No such file"),
     ("track", {"rate": "0"}, "rate must be a positive number"),
     ("track", {"out": "lens.json"}, "'lens.json' is no folder to write to"),
-    ("calibrate", {}, "was found in 0 pictures"),
     ("calibrate", {"images": "rare"}, "was found in 0 pictures"),
 ]
 """(command, options that are wrong, what is said)."""
@@ -250,7 +238,7 @@ TABLE = [
 @pytest.mark.parametrize(("command", "wrong", "said"), TABLE, ids=lambda value: str(value)[:40])
 def test_a_bad_input_is_one_line(command, wrong, said, home, capfd, monkeypatch) -> None:
     monkeypatch.chdir(home)
-    if wrong.get("images") in ("codec.avi", "sound.wav"):
+    if wrong.get("images") == "codec.avi":
         pytest.importorskip("av", reason="PyAV is not installed")
     options = {**(GOOD if command == "track" else PICTURES), **wrong}
     try:

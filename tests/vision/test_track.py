@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import chain, count, islice, repeat
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,7 +20,6 @@ from activeslam_gym.__main__ import main, parser
 from activeslam_gym.geometry import rotation_error
 from activeslam_gym.vision import film
 from activeslam_gym.vision.first_sight import start_pose
-from activeslam_gym.vision.frontend import NOTHING
 from activeslam_gym.vision.other_lenses import lens_from
 from activeslam_gym.vision.report import TrackFiles
 from activeslam_gym.vision.sources import images_of
@@ -196,14 +194,12 @@ def test_the_belief_is_what_its_judge_reads(tmp_path) -> None:
     assert judged["verdict"] == "consistent" and 2.1 < judged["nees_median"] < 2.65
 
 
-def test_a_long_film_draws_a_thinned_way_to_the_present(tmp_path, monkeypatch) -> None:
-    ways, image, above = list[list[int]](), np.zeros((24, 32), np.uint8), np.zeros((480, 640, 3), np.uint8)
+def test_a_long_film_draws_a_thinned_way_to_the_present(monkeypatch) -> None:
     monkeypatch.setattr(film, "_WAY", 8)
-    monkeypatch.setattr(film, "from_above", lambda _, way, *__: ways.append([int(p[0]) for p in way]) or above)
-    with film.film_to(tmp_path / "film.mp4", 30.0) as add:
-        for k in range(99):
-            add(SimpleNamespace(image=image, searched=NOTHING, camera=np.full(13, k)))
-    assert max(map(len, ways)) == 9 and ways[7] == [*range(8)] and ways[90] == [*range(0, 90, 16), 90]
+    way = list[int]()
+    for k in range(100):
+        film.lengthen(way, k, k)
+        assert way == [*range(0, k, 2 ** int(np.ceil(np.log2(max(k / 8, 1))))), k]
 
 
 def test_times_may_begin_anywhere(sequence) -> None:

@@ -85,7 +85,7 @@ def read_lens(path: str | Path, camera: str | None = None) -> Lens:
             write = "write image_width, image_height, camera_matrix and distortion_coefficients, as OpenCV does"
             raise ValueError(f"focal_px, fx, camera_matrix and intrinsics are missing{named}: {write}")
         names, name = ", ".join(found), "cam0" if "cam0" in found else next(iter(found))
-        if camera is None and _key(name) not in _RAW and (raw := [n for n in found if _key(n) in _RAW]):
+        if camera is None and _key(name) == "camera" and (raw := [n for n in found if _key(n) in _RAW]):
             raise ValueError(f"{name} is of rectified images: --camera {name}, or --camera {raw[0]} for others")
         if camera is not None:
             name = next((n for n in found if n == camera or re.fullmatch(rf".*\D{re.escape(camera)}", n)), "")
@@ -178,7 +178,7 @@ def _of_fields(camera: dict[str, Any]) -> Lens:
         if isinstance(camera.get(part), dict) and "data" not in camera[part]:
             camera = camera | {part: []} | {_key(key): value for key, value in camera[part].items()}
     models = {name: x for name, x in camera.items() if _MODEL.fullmatch(name) and not isinstance(x, list | dict)}
-    if all(_key(word) in EITHER for word in models.values()):  # or it tells of a mask, VINS's
+    if not models or ("p1" not in camera and all(_key(word) in EITHER for word in models.values())):  # VINS: a mask
         models |= {name: camera[name] for name in ("fisheye", "isfisheye") if name in camera}
     words = {_key(word): word for word in models.values()}
     if "flx" in camera:
@@ -201,7 +201,7 @@ def _of_fields(camera: dict[str, Any]) -> Lens:
     named = {name: value for name in camera if re.fullmatch(r"[kps]\d", name) for value in _numbers(camera, name)}
     if stray := [name for name, value in named.items() if value and name not in order]:
         raise ValueError(f"{stray[0]} is no coefficient of its model, which has {', '.join(order)}")
-    if "k4" in named and "p1" not in named and words.keys() <= {*EITHER}:
+    if any(named.values()) and "k4" in named and "p1" not in named and words.keys() <= {*EITHER}:
         raise ValueError("k1 to k4 without p1 and p2 may be a fisheye's: its model must be named, fisheye or radtan")
     coefficients = _numbers(camera, *_LISTS) or ([named.get(name, 0.0) for name in order] if named else [])
     listed = not camera.keys().isdisjoint(_LISTS) or "none" in words

@@ -11,6 +11,7 @@ import re
 import sys
 import time
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from decimal import Decimal
 from operator import length_hint
 from pathlib import Path
@@ -329,9 +330,10 @@ def _rate_of_packets(path: Path) -> float | None:
     """Images a second by the times of the first images of a video whose container states no rate."""
     import av
 
-    with av.open(str(path)) as container:
-        packets = itertools.islice(container.demux(video=0), 200)
-        times = [float(packet.pts * packet.time_base) for packet in packets if packet.pts is not None]
+    times = list[float]()
+    with suppress(av.error.FFmpegError), av.open(str(path)) as container:  # where it is damaged, those before
+        for packet in itertools.islice(container.demux(video=0), 200):
+            times += [] if packet.pts is None else [float(packet.pts * packet.time_base)]
     return (len(times) - 1) / (max(times) - min(times)) if len({*times}) > 1 else None
 
 

@@ -17,7 +17,7 @@ from activeslam_gym.files import argument, demand_writable_file, written_whole
 from activeslam_gym.live.advice import Adviser
 from activeslam_gym.live.source import GuidanceError, RealCamera
 from activeslam_gym.slam.filter import Filter
-from activeslam_gym.vision.board import BOARD, BoardCalibration, sheet
+from activeslam_gym.vision.board import BOARD, BoardCalibration, View, find_board, sheet, way_between
 from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.frontend import FrontEnd
 from activeslam_gym.vision.opencv import opencv
@@ -29,6 +29,8 @@ BROWSER = "browser"
 """The name of this source."""
 _ROUGHLY: tuple[Calibration, Straighten] = (Calibration(640, 480, 520.0, 319.5, 239.5, 0.0), Straighten())
 """A lens until the true one is known."""
+_REST, _AT_REST = 2.0, 0.01
+"""Time for which a board that was waved must rest [s], after the words are read; and way of its corners, in widths."""
 _LONGEST = 2**20
 """Most bytes of an image."""
 _NAP = 0.005
@@ -39,7 +41,8 @@ class Device(RealCamera):
     """A device's camera before a known ``target``, of about ``rate`` images a second [Hz].
 
     Without a ``calibration`` it is calibrated first, by waving the board of `board_calibration`, and the lens is
-    written to ``unknown``, or lens.json. Without a ``target`` that board is it. ``kept``: the folder of a recording.
+    written to ``unknown``, or lens.json. Without a ``target`` that board is it, as soon as it rests. ``kept``: the
+    folder of a recording.
 
     Raises:
         ValueError, OSError: a file or the rate is bad.
@@ -61,6 +64,9 @@ class Device(RealCamera):
         self._filming: Any = None
         self._kept = "They are not kept." if kept is None else f"They are kept there, with the trajectory, in {kept}."
         self._board_calibration = BoardCalibration() if calibration is None else None
+        self._waved = calibration is None and target is None
+        self._rest: tuple[float, View] | None = None  # since when, and where the board is
+        self._time = 0.0  # of the last image
         self._file = Path(unknown or "lens.json")
         if calibration is None:
             with argument("calibrate"):
@@ -108,6 +114,7 @@ class Device(RealCamera):
             pass
         assert self._frame
         frame, self._frame = self._frame, None
+        self._time = frame[0]
         try:
             return frame if self.calibrating else self._mapped(frame)
         except ValueError as error:
@@ -117,18 +124,35 @@ class Device(RealCamera):
         """A front end that has seen the first ``image``.
 
         Raises:
-            GuidanceError: it is being calibrated.
+            GuidanceError: it is being calibrated, or the board is still waved.
             ValueError: the image does not show the target.
         """
         if self._board_calibration is not None:
-            words = self._board_calibration.add(image)
-            if self._board_calibration.fit is None:
-                raise GuidanceError(f"Calibration: {words}")
-            self._see_through(self._board_calibration.fit.calibration)
-            self._board_calibration = None
-            with written_whole(self._file) as unfinished:
-                unfinished.write_text(json.dumps(self._calibration._asdict(), indent=1) + "\n")
+            self._calibrate(self._board_calibration, image)
+        if self._waved:
+            self._await_rest(image)
         return super().start(image)
+
+    def _calibrate(self, views: BoardCalibration, image: np.ndarray) -> None:
+        """Take in an ``image`` (h, w) of the board. Raises GuidanceError: the lens is not known yet."""
+        words = views.add(image)
+        if views.fit is None:
+            raise GuidanceError(f"Calibration: {words}")
+        self._see_through(views.fit.calibration)
+        self._board_calibration = None
+        with written_whole(self._file) as unfinished:
+            unfinished.write_text(json.dumps(self._calibration._asdict(), indent=1) + "\n")
+
+    def _await_rest(self, image: np.ndarray) -> None:
+        """Raises GuidanceError: the board in the ``image`` (h, w) does not rest yet."""
+        view = find_board(image, BOARD.kind, BOARD.columns, BOARD.rows)
+        if view is None:
+            self._rest = None
+        elif self._rest is None or way_between(self._rest[1], view) > _AT_REST * image.shape[1]:
+            self._rest = self._time, view
+        if self._rest is None or self._time - self._rest[0] < _REST:
+            raise GuidanceError("Calibrated. Put the board down in view of the camera, and let both rest.")
+        self._waved = False
 
     # Its parts of the page --------------------------------------------------------------------------------------------
 

@@ -274,7 +274,7 @@ class BoardCalibration:
         before, self._last = self._last, view
         if view is None or len(view[0]) < _CORNERS:
             words = "Hold the board before the camera, so that its squares are seen"
-        elif before is None or _way(before, view) > _BLURRED * image.shape[1]:
+        elif before is None or way_between(before, view) > _BLURRED * image.shape[1]:
             words = "Move more slowly"
         else:
             at, tilt = view[1].mean(axis=0) / image.shape[::-1] - 0.5, _tilt(view)
@@ -311,8 +311,8 @@ def _tilt(view: View) -> np.ndarray:
     return H[2, :2] * (BOARD.columns, BOARD.rows) / H[2, 2]
 
 
-def _way(one: View, other: View) -> float:
-    """Mean way of the corners that both show [px]; infinite where there is none."""
+def way_between(one: View, other: View) -> float:
+    """Mean way of the corners that both views show [px]; infinite where there is none."""
     same = (np.abs(one[0][:, None] - other[0]) < 0.1).all(axis=-1)
     i, j = np.nonzero(same)
     return float(np.linalg.norm(one[1][i] - other[1][j], axis=1).mean()) if len(i) else np.inf

@@ -231,24 +231,23 @@ def test_one_who_follows_the_guidance_calibrates_and_the_lens_is_used_at_once(
     monkeypatch.setattr(live_source, "start", lambda image, calibration, target, *_, **__: (calibration, target))
     with pytest.raises(ValueError, match="--calibrate: .* is a folder"):
         Device(None, None, 5.0, tmp_path)
-    source, rng, heard, started = (
-        Device(None, None, 5.0, tmp_path / "lens.json"),
-        np.random.default_rng(2**32),
-        [""],
-        None,
-    )
+    source, rng = Device(None, None, 5.0, tmp_path / "lens.json"), np.random.default_rng(2**32)
+    heard, done, started = [""], 0, None
     calibration = BoardCalibration()
     calibration._keep(EXACT[0], FLAT.shape)
     assert "Turn the device back: the first views are of 320 x 240" in calibration.add(FLAT.T)
     with pytest.raises(GuidanceError, match="Calibration: Hold the board"):
         source.start(np.full((480, 640), 128, np.uint8))
     while started is None and len(heard) < 80:
-        if len(heard) % 2:  # each pose is held for two images
+        if len(heard) % 2 and done < 4:  # each pose is held for two images, until the board is put down
             image = board_from(held(heard[-1], rng))
+        source._frame = (0.2 * len(heard), image)
         try:
-            started = source.start(image)
+            started = source.start(source.next()[1])
         except GuidanceError as guidance:
             heard.append(str(guidance))
+            done += "Calibrated. Put the board down" in heard[-1]
+    assert 13 <= done <= 15  # 2 s of rest
     assert started is not None, heard
     fit, target = started
     assert target == BOARD and lens_from(tmp_path / "lens.json")[0] == fit and not source.calibrating

@@ -62,6 +62,7 @@ class Device(RealCamera):
         self._images: Queue[Frame] = Queue(1)
         self._frame: Frame | None = None
         self._filming: Any = None
+        self._newest = -math.inf  # time of an image from any connection
         self._kept = "They are not kept." if kept is None else f"They are kept there, with the trajectory, in {kept}."
         self._board_calibration = BoardCalibration() if calibration is None else None
         self._waved = calibration is None and target is None
@@ -173,22 +174,23 @@ class Device(RealCamera):
         """Take images over the websocket ``connection``, each with its time, until the device leaves, or until another
         one films; the next one is asked for when there is room."""
         from websockets.exceptions import ConnectionClosed
+        from websockets.protocol import OPEN
 
-        before, self._filming = self._filming, connection
-        if before is not None:
-            await before.close(1000, "Another device films now.")
-        first, last = None, -math.inf
+        before, self._filming, zero = self._filming, connection, None
+        if before is not None:  # which may have left long ago: nobody waits for its answer
+            self._closing = asyncio.create_task(before.close(1000, "Another device films now."))
         try:
             async for message in connection:
                 seconds, image = _unpacked(message)
                 if image is None:
                     await connection.close(1003, "What was sent is no image.")
                     return
-                first = first or time.monotonic() - seconds
-                while seconds > last and self._filming is connection:
+                if zero is None:
+                    zero = max(time.monotonic(), self._newest + 1.0 / self._rate) - seconds
+                while zero + seconds > self._newest and self._filming is connection and connection.state == OPEN:
                     try:
-                        self._images.put_nowait((first + seconds, image))
-                        last = seconds
+                        self._images.put_nowait((zero + seconds, image))
+                        self._newest = zero + seconds
                     except Full:
                         await asyncio.sleep(_NAP)
                 await connection.send("next")

@@ -7,6 +7,7 @@ import ssl
 import struct
 import subprocess
 import sys
+import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -153,6 +154,9 @@ TRUSTING = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
 TRUSTING.check_hostname, TRUSTING.verify_mode = False, ssl.CERT_NONE
 
 
+JPEG = cv2.imencode(".jpg", np.full((8, 16), 99, np.uint8))[1].tobytes()
+
+
 def got(address: str) -> tuple[int, bytes]:
     """The status and the body of what is at an ``address``."""
     try:
@@ -187,17 +191,28 @@ def test_a_page_that_films_from_afar_is_encrypted(monkeypatch: pytest.MonkeyPatc
         assert b"getUserMedia" in got(f"{own}device.js")[1] and b"<svg" in got(f"{own}board.svg")[1]
         with pytest.raises((OSError, urllib.error.URLError)):
             got(own.replace("https", "http"))
-        jpeg = cv2.imencode(".jpg", np.full((8, 16), 99, np.uint8))[1].tobytes()
-        times = asyncio.run(sent(own.replace("https", "wss") + "device", jpeg, device))
-        assert np.diff(times) == pytest.approx(1.5)
+        times = [at for _ in range(2) for at in asyncio.run(sent(own.replace("https", "wss") + "device", device))]
+        assert np.diff(times) == pytest.approx([1.5, 0.2, 1.5]), "another one's times begin after the first one's"
 
 
-async def sent(address: str, jpeg: bytes, device: Device) -> list[float]:
+def test_the_page_closes_while_a_device_films(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(Device, "_warm_up", lambda self: None)
+    page = Page(Device(None, None, 5.0, tmp_path / "lens.json"), "127.0.0.1", 0)
+    with visitor(page.address + "device") as sender:
+        for seconds in (1.0, 2.0):  # there is room for one
+            sender.send(struct.pack("<d", seconds) + JPEG)
+        assert sender.recv(timeout=30.0) == "next"
+        began = time.monotonic()
+        page.close()
+        assert time.monotonic() - began < 3.0
+
+
+async def sent(address: str, device: Device) -> list[float]:
     """The times of the images that are taken, of three that are sent; one of the past is left out."""
     times = []
     async with connect(address, ssl=TRUSTING) as sender:  # one thread: two may not share an encrypted connection
         for seconds, taken in ((5.0, True), (4.0, False), (6.5, True)):
-            await sender.send(struct.pack("<d", seconds) + jpeg)
+            await sender.send(struct.pack("<d", seconds) + JPEG)
             assert await sender.recv() == "next" and device.wait(0.0) == taken
             if taken:
                 at, image = device.next()

@@ -34,7 +34,8 @@ const asWorker = () => {
 
 /** In the page: the person is asked first. */
 const inPage = () => {
-    const { side, kept, board } = document.currentScript.dataset;
+    const { width, height, kept, board } = document.currentScript.dataset;
+    const side = Math.max(width, height);
     const here = location.href.split(/[?#]/)[0].replace(/\/?$/, "/");
     const card = document.createElement("section");
     card.id = "device";
@@ -71,7 +72,7 @@ const inPage = () => {
 
     const film = async () => {
         if (!navigator.mediaDevices) return ask("A browser gives its camera to https addresses and to localhost alone.");
-        const size = { width: { ideal: side }, height: { ideal: 0.75 * side }, frameRate: { ideal: 30 } };
+        const size = { width: { ideal: +width }, height: { ideal: +height }, frameRate: { ideal: 30 } };
         const which = { audio: false, video: { ...size, facingMode: { ideal: "environment" } } };
         try {
             stream = await navigator.mediaDevices.getUserMedia(which);
@@ -109,7 +110,10 @@ const inPage = () => {
         return close;
     };
 
-    part("film").onclick = film;
+    part("film").onclick = ({ target }) => {
+        target.disabled = true; // a second tap would open the camera once more
+        film().finally(() => (target.disabled = false));
+    };
     part("stop").onclick = () => ask("");
     part("watch").onclick = () => (card.hidden = true);
     addEventListener("DOMContentLoaded", () => document.body.append(card));

@@ -119,7 +119,9 @@ class Device(RealCamera):
         try:
             return frame if self.calibrating else self._mapped(frame)
         except ValueError as error:
-            raise GuidanceError(f"Turn the device: {error}.") from None
+            turned = frame[1].shape == self._calibration[:2]
+            way = "Turn the device" if turned else "Film with the calibrated camera, or calibrate this one"
+            raise GuidanceError(f"{way}: {error}.") from None
 
     def start(self, image: np.ndarray) -> FrontEnd:
         """A front end that has seen the first ``image``.
@@ -160,8 +162,8 @@ class Device(RealCamera):
     @property
     def head(self) -> bytes:
         """What the page's head holds for it."""
-        side, board = max(self._calibration[:2]), self.calibrating or ""
-        data = f'data-side="{side}" data-board="{board}" data-kept="{escape(self._kept)}"'
+        (width, height), board = self._calibration[:2], self.calibrating or ""
+        data = f'data-width="{width}" data-height="{height}" data-board="{board}" data-kept="{escape(self._kept)}"'
         return f'<script src="device.js" {data}></script>'.encode()
 
     @property

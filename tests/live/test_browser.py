@@ -169,7 +169,7 @@ def test_the_camera_of_the_browser_is_tracked_and_advised(visit: Any, files: lis
         assert "Use this device's camera?" in asked and f"kept there, with the trajectory, in {run}" in asked
         page.wait_for_timeout(2000)
         assert not states(run) and "press Film" in page.locator("#standing").inner_text()
-        page.click("#film")
+        page.dblclick("#film")
         until(lambda: len(kept(states(run))) > 20 and sum(states(run)[-1]["advised"]) > 4, PATIENCE)
         assert "Filming" in page.locator("#device").inner_text()
         page.click("#stop")

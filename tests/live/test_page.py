@@ -1,6 +1,7 @@
 """The page and its command: what they refuse and show, and that nothing is lost at the end."""
 
 import asyncio
+import json
 import os
 import signal
 import ssl
@@ -32,11 +33,12 @@ from activeslam_gym.__main__ import main
 from activeslam_gym.live.access import Access
 from activeslam_gym.live.device import Device
 from activeslam_gym.live.page import Page
-from activeslam_gym.live.source import ROOM
+from activeslam_gym.live.source import ROOM, GuidanceError
 from activeslam_gym.live.state import Standing, State
 from activeslam_gym.motion import Motion
 from activeslam_gym.vision.frontend import Searched
 from tests.support import until
+from tests.vision_scene import LENS
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCE: Any = SimpleNamespace(name="a <test>", scenario=ROOM, person=object())
@@ -195,9 +197,18 @@ def test_a_page_that_films_from_afar_is_encrypted(monkeypatch: pytest.MonkeyPatc
         assert np.diff(times) == pytest.approx([1.5, 0.2, 1.5]), "another one's times begin after the first one's"
 
 
-def test_the_page_closes_while_a_device_films(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_device_is_asked_for_the_calibrated_size_and_the_page_closes_while_it_films(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setattr(Device, "_warm_up", lambda self: None)
-    page = Page(Device(None, None, 5.0, tmp_path / "lens.json"), "127.0.0.1", 0)
+    (tmp_path / "lens.json").write_text(json.dumps(LENS._asdict()))
+    device = Device(tmp_path / "lens.json", None, 5.0)
+    assert b'data-width="320" data-height="240"' in device.head
+    for shape, words in (((320, 240), "Turn the device"), ((180, 320), "or calibrate this one")):
+        device._frame = (0.0, np.zeros(shape, np.uint8))
+        with pytest.raises(GuidanceError, match=words):
+            device.next()
+    page = Page(device, "127.0.0.1", 0)
     with visitor(page.address + "device") as sender:
         for seconds in (1.0, 2.0):  # there is room for one
             sender.send(struct.pack("<d", seconds) + JPEG)

@@ -2,6 +2,7 @@
 
 import math
 from html import escape
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +19,13 @@ NAMES = dict(
 """Commands in words."""
 SIGNS = dict(zip(Motion, ("⤢", "⤡", "→", "←", "↑", "↓", "■")))
 """Commands as a character."""
+_INSTEAD: dict[Standing | None, tuple[str, str]] = {
+    None: ("Please wait", "Advice comes with the next images."),
+    Standing.WAITING: ("Please wait", "Advice comes once the target has been seen."),
+    Standing.LOST: ("Go back", "Advice comes once the map is in view again."),
+    Standing.OVER: ("The end", "Restart to see it again."),
+}
+"""Words and reasons where there is no command: by the standing, or None where images do not come."""
 _UP = "M50 6 L88 46 L64 46 L64 94 L36 94 L36 46 L12 46 Z"
 _OUT = "M50 94 L80 62 L62 62 L57 34 L66 34 L50 8 L34 34 L43 34 L38 62 L20 62 Z"
 _ROAD = f'<path d="M4 96 L36 6 M96 96 L64 6" stroke="{GREY}" stroke-width="5" fill="none"/>'
@@ -42,16 +50,29 @@ def title(text: str, unit: str) -> str:
     return part("font-size:13px;font-weight:600;padding:6px 0 2px", f'{text} <span style="opacity:.6">{unit}</span>')
 
 
-def command(state: State) -> str:
+class Advice(NamedTuple):
+    """What the page tells the person to do."""
+
+    motion: Motion
+    words: str
+    why: str
+
+
+def advice(state: State, images: bool = True) -> Advice:
+    """The command; other words where the standing allows none, or where no ``images`` come."""
+    motion, standing = state.command, state.standing if images else None
+    if standing in _INSTEAD:
+        return Advice(Motion.STAY, *_INSTEAD[standing])
+    if not state.advised.any():
+        return Advice(Motion.STAY, NAMES[Motion.STAY], "The first advice comes after a second.")
+    more = state.scores[motion] - state.scores[Motion.STAY]
+    why = "No motion promises more." if motion == Motion.STAY else f"+{more:.1f} bits over holding still"
+    return Advice(motion, NAMES[motion], why)
+
+
+def command(advice: Advice) -> str:
     """The command, large, with its arrow: sideways as it is; narrowing into the picture, widening out of it."""
-    motion, (outline, transform) = state.command, _SHAPES[state.command]
-    words, why = NAMES[motion], "No motion promises more."
-    if state.standing in (Standing.WAITING, Standing.OVER):
-        words, why = "Please wait", "Advice comes once the target has been seen."
-    elif not state.advised.any():
-        words, why = NAMES[Motion.STAY], "The first advice comes after a second."
-    elif motion != Motion.STAY:
-        why = f"+{state.scores[motion] - state.scores[Motion.STAY]:.1f} bits over holding still"
+    (motion, words, why), (outline, transform) = advice, _SHAPES[advice.motion]
     return part(
         "display:flex;align-items:center;gap:14px;padding:4px 2px",
         '<svg width="72" height="72" viewBox="0 0 100 100" aria-hidden="true">',
@@ -63,11 +84,13 @@ def command(state: State) -> str:
     )
 
 
-def waiting(seconds: float, films: bool) -> str:
-    """The words on ``seconds`` without a state; whether a device that ``films`` has sent no image yet."""
-    words = f"Getting ready for {seconds:.0f} s. The first time here it compiles, for a minute or two."
+def waiting(seconds: float, films: bool, compiles: bool) -> str:
+    """The words on ``seconds`` without a state: of a device that ``films``, or while kernels may be compiled."""
+    words = f"No image for {seconds:.0f} s."
     if films:
         words = f"No image for {seconds:.0f} s: press Film on the device whose camera is to be used."
+    elif compiles:
+        words = f"Getting ready for {seconds:.0f} s. The first time here it compiles, for a minute or two."
     return _strip(words, BLUE)
 
 
@@ -104,12 +127,14 @@ def bars(heading: str, values: np.ndarray, best: int | None, digits: int, unit: 
 
 def counts(state: State) -> str:
     """Numbers of the moment."""
+    spread = math.sqrt(max(float(np.trace(state.camera_covariance)), 0.0))
+    known = state.standing != Standing.WAITING and math.isfinite(spread)
     cells = {
         "features": len(state.ids),
         "well placed": state.mapped.sum(),
         "images a second": f"{state.rate:.1f}",
         "time of an image": f"{state.milliseconds:.0f} ms",
-        "place known to": f"{100.0 * math.sqrt(max(float(np.trace(state.camera_covariance)), 0.0)):.1f} cm",
+        "place known to": f"{100.0 * spread:.1f} cm" if known else "–",
     }
     return part(
         "display:grid;grid-template-columns:repeat(3,1fr);gap:6px;font-size:12px;padding:4px 2px",

@@ -22,15 +22,16 @@ from activeslam_gym.geometry import quaternion_product, rotation_matrix
 from activeslam_gym.live import drawing
 from activeslam_gym.live.access import Access, check_address
 from activeslam_gym.live.device import Device
-from activeslam_gym.live.drawing import CURVES, NAMES, SIGNS
+from activeslam_gym.live.drawing import CURVES, SIGNS
 from activeslam_gym.live.session import Source
-from activeslam_gym.live.state import State
+from activeslam_gym.live.state import Standing, State
 from activeslam_gym.motion import MOTION_AXIS, MOTION_SIGN, Motion
 from activeslam_gym.vision.film import BLUE, ORANGE, SKY, VERMILLION, rgb, view
 from activeslam_gym.vision.report import map_table
 
 Request = Literal["pause", "restart", "follow", "save"]
-"""Requests of the page, each with a value: whether to pause, and whether the simulated person follows; else True."""
+"""Requests of the page, each with a value: whether to pause, True, whether the simulated person follows, and who asks
+to save."""
 _SIGMAS = 2.0
 """Of the ellipsoids in the map."""
 _CAPACITY = 64
@@ -91,10 +92,9 @@ class Page:
         self._latest.append(state)
         self._new.set()
 
-    def notify(self, message: str) -> None:
-        """Show a message to every visitor."""
-        for client in self._server.get_clients().values():
-            client.add_notification("Live", message, auto_close_seconds=6.0)
+    def notify(self, client: Any, message: str) -> None:
+        """Show a message to a visitor, a `client` of viser."""
+        client.add_notification("Live", message, auto_close_seconds=6.0)
 
     def close(self) -> None:
         """Stop the server."""
@@ -107,7 +107,7 @@ class Page:
     def _draw_all(self) -> None:
         """In a thread of its own: draw the newest state, until the end."""
         while not self._closed:
-            if not self._new.wait(_PATIENCE):
+            if not self._new.wait(max(_PATIENCE, 2.0 * self._source.scenario.frame_time)):
                 self._wait()
             self._new.clear()
             if self._latest and not self._closed:
@@ -191,7 +191,7 @@ class Page:
         """Draw a state; waits while the last one is younger than the least time between pictures."""
         time.sleep(max(0.0, self._shown + _OFTEN - time.monotonic()))
         self._shown = time.monotonic()
-        first, self._state = self._state is None, state
+        before, self._state = self._state.frame if self._state else 0, state
         self._remember(state)
         with self._server.atomic():
             self._view.image = picture = view(state)
@@ -199,22 +199,26 @@ class Page:
             self._standing.content = drawing.standing(state, self._paused)
             if np.isfinite(state.camera).all() and np.isfinite(state.camera_covariance).all():
                 self._show_map(state)
-            if first:
+            if 0 < state.frame and not 0 < before <= state.frame:  # the first one since a start
                 self._show_start(state)
             due = self._paused or state.frame < 2 or self._shown - self._drawn > _SELDOM
-            if due or self._label.text != NAMES[state.command]:
+            if due or self._label.text != drawing.advice(state).words:
                 self._show_reasons(state)
         self._server.flush()
 
     def _wait(self) -> None:
-        """No state has come for a second: before the third one, while kernels are compiled, tell for how long."""
-        if self._state is None or (self._state.frame < 3 and not self._paused):
-            seconds = time.monotonic() - (self._shown or self._opened)
-            self._standing.content = drawing.waiting(seconds, self._films and self._state is None)
+        """No state comes: tell for how long, and no command any more."""
+        state, seconds = self._state, time.monotonic() - (self._shown or self._opened)
+        if state is not None and (self._paused or state.standing == Standing.OVER or seconds < _PATIENCE):
+            return
+        compiles = state is None or (state.frame < 3 and state.standing != Standing.WAITING)
+        self._standing.content = drawing.waiting(seconds, self._films, compiles)
+        if state is not None:
+            self._show_command(drawing.advice(state, images=False))
 
     def _remember(self, state: State) -> None:
-        """Add a state to the curves; an earlier one starts new ones."""
-        if self._history and state.time < self._history[-1][0]:
+        """Add a state to the curves; one of another start starts new ones."""
+        if self._history and (state.frame == 0 or state.time < self._history[-1][0]):
             self._history.clear()
         if np.isfinite(state.log2_dets).all():
             position = state.camera[:3] if state.frame > _FIRST else np.full(3, np.nan)
@@ -228,9 +232,10 @@ class Page:
         self._place_ball.position, self._place_ball.wxyz, self._place_ball.scale = p, turns[0], tuple(sizes[0])
         for name, values in _ellipsoids(state).items():
             setattr(self._ellipsoids, name, values)
-        self._arrow.visible = state.command != Motion.STAY
+        motion = drawing.advice(state).motion
+        self._arrow.visible = motion != Motion.STAY
         if self._arrow.visible:
-            way = rotation_matrix(q)[:, MOTION_AXIS[state.command]] * MOTION_SIGN[state.command]
+            way = rotation_matrix(q)[:, MOTION_AXIS[motion]] * MOTION_SIGN[motion]
             self._arrow.points = np.array([[p, p + 0.3 * way]])
 
     def _show_start(self, state: State) -> None:
@@ -246,26 +251,33 @@ class Page:
 
     def _place_viewer(self, client: Any) -> None:
         """Look from behind the start; on a phone from farther away, with the map above the sheet."""
-        if self._state is not None:
+        if self._state is not None and self._state.frame > 0:
             eye, aim = self._server.initial_camera.position, self._server.initial_camera.look_at
             back, down = (1.5, 1.4) if client.camera.aspect < 1.0 else (1.0, 0.0)
             client.camera.position, client.camera.look_at = aim + back * (eye - aim), aim - (0.0, down, 0.0)
 
     def _show_reasons(self, state: State) -> None:
         """Show the command, bars, curves and the way, which change slowly."""
-        self._drawn, name = self._shown, NAMES[state.command]
-        self._label.text = name
-        self._server.gui.set_panel_label(f"{SIGNS[state.command]}  {name}")
-        self._command.content, self._why.content = drawing.command(state), drawing.reasons(state)
+        self._drawn = self._shown
+        self._show_command(drawing.advice(state))
+        self._why.content = drawing.reasons(state)
         self._counts.content = drawing.counts(state)
         self._commands.content = drawing.bars("Advice so far", state.advised, state.command, 0, "times")
-        if self._history:
-            self._show_history()
+        self._show_history()
         if state.follows is not None and self._follow.value != state.follows:
             self._follow.value = state.follows
 
+    def _show_command(self, advice: drawing.Advice) -> None:
+        self._label.text = advice.words
+        self._arrow.visible = self._arrow.visible and advice.motion != Motion.STAY
+        self._server.gui.set_panel_label(f"{SIGNS[advice.motion]}  {advice.words}")
+        self._command.content = drawing.command(advice)
+
     def _show_history(self) -> None:
         """Show the entropies, and the way of the camera, by `_MOST` moments at the most."""
+        if not self._history:
+            self._curves.data, self._way.visible = (np.zeros(0),) * 5, False
+            return
         rows = np.array(self._history[:: len(self._history) // _MOST + 1])
         t, *curves, landmarks = rows[:, :5].T.copy()
         new = np.where(np.diff(landmarks, prepend=0.0) > 0.0, curves[-1], np.nan)
@@ -274,25 +286,30 @@ class Page:
         ranges = {"x": (t[0], t[-1] + 0.1), "y": (np.min(curves) - 5.0, np.max(curves) + 5.0)}
         self._curves.scales = {one: {"time": False, "range": tuple(map(float, ranges[one]))} for one in ranges}
         way = rows[np.isfinite(rows[:, 5]), 5:]
-        if len(way) > 1:
-            self._way.points, self._way.visible = np.stack((way[:-1], way[1:]), axis=1), True
+        self._way.visible = len(way) > 1
+        if self._way.visible:
+            self._way.points = np.stack((way[:-1], way[1:]), axis=1)
 
     # Buttons ----------------------------------------------------------------------------------------------------------
 
     def _set_paused(self, paused: bool) -> None:
-        self._paused = paused
+        self._paused, self._shown = paused, time.monotonic()
         self._pause.label, self._pause.icon = ("Go on", "player-play") if paused else ("Pause", "player-pause")
         self.requests.put(("pause", paused))
         if self._state is not None:
             self._standing.content = drawing.standing(self._state, paused)
 
     def _save(self, event: Any) -> None:
-        """Send the map to the browser, and ask the tracker to save the recording."""
-        state = self._state
-        if state is not None and event.client is not None:
-            table = map_table(state.ids, state.points, state.stds)
-            event.client.send_file_download("map.csv", table.encode(), save_immediately=True)
-        self.requests.put(("save", True))
+        """Send the map to the browser that asks, and ask the tracker to save the recording."""
+        state, client = self._state, event.client
+        if client is None:
+            return
+        if state is None or state.frame == 0:
+            self.notify(client, "There is no map yet.")
+            return
+        table = map_table(state.ids, state.points, state.stds)
+        client.send_file_download("map.csv", table.encode(), save_immediately=True)
+        self.requests.put(("save", client))
 
 
 def _quiet_server(host: str, port: int, access: Access) -> Any:

@@ -85,7 +85,7 @@ def _run(session: Session, page: Page, seconds: float) -> None:
             session.restart()
             over = False
         elif name == "save":
-            page.notify(session.save())
+            page.notify(value, session.save())
         elif name == "follow" and source.person is not None:
             source.person.habit = FOLLOW if value else NEVER
         if paused or over:

@@ -174,8 +174,8 @@ def test_the_camera_of_the_browser_is_tracked_and_advised(visit: Any, files: lis
         assert "Filming" in page.locator("#device").inner_text()
         page.click("#stop")
         assert page.locator("#film").is_visible()
-        command = page.locator("#command")
-        until(lambda: any(word in command.inner_text() for word in ("Move", "Hold still")), PATIENCE)
+        until(lambda: "press Film" in page.locator("#standing").inner_text(), PATIENCE)
+        assert "Please wait" in page.locator("#command").inner_text()
     every = kept(states(run))
     late = np.diff([state["time"] for state in every], prepend=every[0]["time"]) > 0.3  # a busy browser drops images
     tracked = [state for state, after_a_gap in zip(every, late) if not after_a_gap]

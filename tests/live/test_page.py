@@ -128,6 +128,28 @@ def test_states_of_all_kinds_are_shown(page: Page) -> None:
         page.draw(state)
 
 
+def test_the_command_agrees_with_the_standing_and_each_start_is_shown(page: Page) -> None:
+    nothing = {"standing": Standing.WAITING, "command": Motion.STAY, "log2_dets": np.full(3, np.nan)}
+    waits = replace(a_state(0, 0), time=5000.0, fiducials=np.zeros((0, 3)), **nothing)
+    for _ in range(2):
+        page.draw(waits)
+        assert "–" in page._counts.content and not page._way.visible and not page._history
+        page._server.initial_camera.position = (9.0, 9.0, 9.0)
+        for frame in range(2, 7):  # the first state may not be drawn
+            page._drawn = 0.0
+            page.draw(replace(a_state(frame), camera=np.eye(1, 13, 3)[0] + np.eye(1, 13)[0] * frame))
+        np.testing.assert_allclose(page._server.initial_camera.position, (2.8, 1.2, -2.8))
+        assert page._way.visible and "Move up" in page._command.content and page._arrow.visible
+    for words, standing in (("Go back", Standing.LOST), ("The end", Standing.OVER), ("Please wait", Standing.WAITING)):
+        page.draw(replace(a_state(7), standing=standing))
+        assert words in page._command.content and not page._arrow.visible
+    for frame, standing in ((2, Standing.WAITING), (9, Standing.TRACKING)):
+        page.draw(replace(a_state(frame), standing=standing))
+        page._shown -= 9.0
+        page._wait()
+        assert "No image for 9 s." in page._standing.content and "Please wait" in page._command.content
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGHUP, marks=pytest.mark.slow)])
 def test_ctrl_c_or_a_closed_terminal_ends_it_and_loses_nothing(tmp_path: Path, number: signal.Signals) -> None:
     line = [sys.executable, "-m", "activeslam_gym", "live", "--port", "0", "--film", "--record", str(tmp_path / "run")]

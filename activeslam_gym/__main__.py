@@ -148,8 +148,6 @@ def _live(args: argparse.Namespace) -> Ending:
     from activeslam_gym.live.run import live
 
     trouble = live(args)
-    if args.record is not None:
-        print(f"Recorded in {args.record}")
     return (1, f"ended early: {trouble}") if trouble else None
 
 

@@ -58,6 +58,7 @@ def live(args: Namespace) -> str | None:
         raise ValueError(f"--port must be in 0 to 65535, got {args.port}")
     source = source_of(args)
     session = Session(source, args.seed, args.record, args.film)
+    trouble: str | None = None
     with closing(session), closing(Page(source, args.host, args.port)) as page:
         warned = _ENCRYPTED if page.access.encrypted else ""
         print(f"Open {page.address} in a browser; this whole address is needed.{warned} Ctrl-C ends.", flush=True)
@@ -66,8 +67,10 @@ def live(args: Namespace) -> str | None:
         except KeyboardInterrupt:
             pass
         except ValueError as error:
-            return str(error)
-    return None
+            trouble = str(error)
+    if session.recorded:
+        print(f"Recorded in {args.record}")
+    return trouble
 
 
 def _run(session: Session, page: Page, seconds: float) -> None:

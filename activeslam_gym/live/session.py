@@ -1,8 +1,9 @@
 """The course of the live system: image by image, from a source to a state estimate, advice and a recording.
 
 A recording is written image by image, so that no way of ending loses images. Its folder holds ``images/`` (PNG, by
-number) and ``states.jsonl`` (a state a line). Beside them stand ``frames.csv`` and ``trajectory.tum``, which grow as
-those of `track` do, and ``map.csv``, which is written at the end and on demand.
+number), ``times.txt`` (a list of them with their times, as a source) and ``states.jsonl`` (a state a line). Beside them
+stand ``frames.csv`` and ``trajectory.tum``, which grow as those of `track` do, and ``map.csv``, which is written at the
+end and on demand.
 """
 
 import json
@@ -72,8 +73,8 @@ class Session:
     def __init__(self, source: Source, seed: int = 0, folder: str | Path | None = None, film: bool = False) -> None:
         self.source, self._seed, self._film = source, seed, film
         self._home = self._folder = None if folder is None else Path(folder)
-        self._recording: Recording | None = None  # made with the first image: a start that fails leaves nothing
-        self._runs = 1
+        self._recording: Recording | None = None  # made with the first tracked image: a failed start leaves nothing
+        self._runs = 0  # that were recorded
         if self._folder is not None:
             check_folder(self._folder)
         self._reset()
@@ -92,15 +93,21 @@ class Session:
         self.close()
         self.source.restart()
         self._reset()
-        if self._home is not None:
-            self._runs += 1
-            self._recording, self._folder = None, self._home / str(self._runs)
+        if self._home is not None and self._recording is not None:
+            self._recording, self._folder = None, self._home / str(self._runs + 1)
             check_folder(self._folder)
+
+    @property
+    def recorded(self) -> bool:
+        """Whether an image was recorded."""
+        return self._runs > 0
 
     def save(self) -> str:
         """Write the map; the answer to the user."""
-        if self._recording is None:
+        if self._home is None:
             return "Your browser has the map. To keep images and trajectory too, start with --record DIR."
+        if self._recording is None:
+            return "Your browser has the map. Nothing is recorded yet."
         self._recording.save()
         return f"Saved in {self._recording.folder}."
 
@@ -110,16 +117,18 @@ class Session:
             self._recording.close()
 
     def step(self) -> State:
-        """The state after the next image, recorded; the last one again, as OVER, where there is none.
+        """The state after the next image; the last one again, as OVER, where there is none. What is tracked is recorded:
+        images that only waited for the target, or were refused, are left out, so that a replay starts as the run did.
 
         Raises:
             ValueError: an image cannot be read, or the first one does not show the target.
         """
         state, source = self._stepped(), self.source
-        if self._folder is not None and not (isinstance(source, Device) and source.calibrating):
+        if self._folder is not None and state.standing not in (Standing.WAITING, Standing.OVER):
             if self._recording is None:
                 room = None if source.person is None else source.scenario.room_size
                 self._recording = Recording(self._folder, 1.0 / source.scenario.frame_time, self._film, room)
+                self._runs += 1
             log = self.log
             if log is None and self.front_end is not None:
                 log = self.front_end.first_log(state.milliseconds)
@@ -156,7 +165,7 @@ class Session:
     def _track(self, front_end: FrontEnd) -> None:
         assert self.adviser
         self.log = front_end.step(self._image, self._time)
-        if self.log.matched >= _FEW:
+        if self.log.matched >= _FEW and not self.log.lost:
             self._good = self._time
         if self.adviser.consider() and self.source.person is not None:
             self.source.person.hear(self.adviser.command)
@@ -166,7 +175,7 @@ class Session:
         log, variances = self.log, np.diag(self.front_end.filter.camera_covariance)[:3]
         if self._time - self._good > _PATIENCE or variances.max() > _VAGUE**2:
             return Standing.LOST
-        well = log is None or log.matched >= max(_FEW, log.searched / 2)
+        well = log is None or (not log.lost and log.matched >= max(_FEW, log.searched / 2))
         return Standing.TRACKING if well else Standing.UNSURE
 
     def _state(self, standing: Standing, began: float, why: ValueError | None = None) -> State:
@@ -193,7 +202,8 @@ class Session:
         )
 
 
-STATES = "states.jsonl"
+STATES, TIMES = "states.jsonl", "times.txt"
+_FILES = (STATES, TIMES, "images", "trajectory.tum", "frames.csv", "map.csv", "film.mp4")
 _FAST = 1
 """PNG's compression, of 0 … 9."""
 
@@ -202,11 +212,12 @@ def check_folder(folder: Path) -> None:
     """Check that a recording can start in ``folder``, which need not exist.
 
     Raises:
-        OSError: it holds a recording already, or cannot be written to.
+        OSError: it holds a recording or results of `track` already, or cannot be written to.
     """
     demand_writable(folder)
-    if (folder / STATES).exists():
-        raise OSError(f"{folder} holds a live recording already; choose another folder")
+    if there := [name for name in _FILES if (folder / name).exists()]:
+        what = "a live recording" if STATES in there else there[0]
+        raise OSError(f"{folder} holds {what} already; choose another folder")
 
 
 class Recording:
@@ -225,25 +236,25 @@ class Recording:
         self._cv2 = opencv()
         check_folder(self.folder)
         (self.folder / "images").mkdir(parents=True, exist_ok=True)
-        self._states, self._track = Lines(self.folder / STATES), TrackFiles(self.folder, metric=True)
+        self._states, self._times = Lines(self.folder / STATES), Lines(self.folder / TIMES)
+        self._track = TrackFiles(self.folder, metric=True)
         self._last: State | None = None
         self._count, self._at_close = 0, ExitStack()
         to = self.folder / "film.mp4"
         self._film = self._at_close.enter_context(film_to(to, rate, room)) if film else None
 
     def add(self, state: State, log: FrameLog | None, original: np.ndarray | None = None) -> None:
-        """Write a state, its image, or the ``original`` (h, w) that was mapped to it, and the ``log``, if any. Images
-        that only waited for the target, or were refused, are left out, so that a replay starts as the run did.
+        """Write a state, its image, or the ``original`` (h, w) that was mapped to it, and the ``log``, if any.
 
         Raises:
             OSError: the disk is full, or gone.
         """
-        if state.standing in (Standing.WAITING, Standing.OVER):
-            return
-        path = self.folder / "images" / f"{self._count:06d}.png"
+        name = f"images/{self._count:06d}.png"
+        path = self.folder / name
         image = state.image if original is None else original
         if not self._cv2.imwrite(str(path), image, [self._cv2.IMWRITE_PNG_COMPRESSION, _FAST]):
             raise OSError(f"{path} cannot be written")
+        self._times.write(f"{float(state.time)!r} {name}\n")
         self._states.write(json.dumps(plain(state)) + "\n")
         self._track.add(state.time, state.camera, log)
         self._last = state
@@ -260,5 +271,6 @@ class Recording:
         """Write the map and finish."""
         self.save()
         self._states.close()
+        self._times.close()
         self._track.close()
         self._at_close.close()

@@ -52,8 +52,8 @@ class State(Moment):
 
 
 def plain(state: State) -> dict[str, Any]:
-    """The state without its image as JSON holds it; numbers to six digits, NaN as None."""
-    return {name: _plain(value) for name, value in vars(state).items() if name != "image"}
+    """The state without its image as JSON holds it; numbers but the time to six digits, NaN as None."""
+    return {name: _plain(value) for name, value in vars(state).items() if name != "image"} | {"time": float(state.time)}
 
 
 def _plain(value: Any) -> Any:

@@ -21,6 +21,7 @@ from activeslam_gym.live.state import Standing, State
 from activeslam_gym.motion import Motion, motion_of
 from activeslam_gym.vision.frontend import MATCHED
 from activeslam_gym.vision.other_lenses import lens_from
+from activeslam_gym.vision.sources import images_of
 from activeslam_gym.vision.target import read_target
 from tests.vision_scene import image_from, pose_at, target_fields
 
@@ -123,6 +124,12 @@ def test_a_camera_in_the_dark_is_lost() -> None:
     session = Session(Dark(1))
     standings = [session.step().standing for _ in range(50)]
     assert standings[28] == Standing.TRACKING and standings[-1] == Standing.LOST
+    session = Session(RenderedRoom(1))
+    session.step()
+    session.step()
+    assert session.log.matched >= 4 and session._standing() == Standing.TRACKING
+    session.log = session.log._replace(lost=True)  # as frames.csv says while fewer match than a lost map needs
+    assert session._standing() == Standing.UNSURE
 
 
 class Late(RenderedRoom):
@@ -144,6 +151,9 @@ class Late(RenderedRoom):
 
 def test_it_waits_for_the_target_and_tells_when_no_image_is_left(tmp_path: Path) -> None:
     session = Session(Late(1), 0, tmp_path)
+    session.step()
+    assert not session.recorded and not list(tmp_path.iterdir())
+    session.restart()
     states = [session.step() for _ in range(18)]
     expected = [Standing.WAITING] * 5 + [Standing.TRACKING] * 5 + [Standing.WAITING]
     expected += [Standing.TRACKING] * 5 + [Standing.OVER] * 2
@@ -192,10 +202,10 @@ def test_a_recording_that_was_cut_off_has_its_images_states_trajectory_and_log(t
     poses = np.loadtxt(folder / "trajectory.tum")
     np.testing.assert_allclose(poses[:, 1:4], [state.camera[:3] for state in states], atol=1e-6)
     assert len((folder / "frames.csv").read_text().splitlines()) == 21
-    assert len(list((folder / "images").iterdir())) == 20
+    assert [time for time, _ in images_of(folder / "times.txt").frames] == [state.time for state in states]
     for line, state in zip((folder / "states.jsonl").read_text().splitlines(), states, strict=True):
         kept = json.loads(line)
-        assert kept["frame"] == state.frame and kept["command"] == state.command
+        assert kept["frame"] == state.frame and kept["time"] == state.time and kept["command"] == state.command
         np.testing.assert_allclose(np.reshape(kept["points"], (-1, 3)), state.points, rtol=1e-5, atol=1e-9)
 
 
@@ -210,5 +220,7 @@ def test_a_restart_has_a_folder_of_its_own_and_none_is_written_over(tmp_path: Pa
     assert (tmp_path / "2" / "map.csv").exists()
     assert cv2.VideoCapture(str(tmp_path / "film.mp4")).read()[1].shape == (480, 1280, 3)
     assert (tmp_path / "2" / "film.mp4").exists()
-    with pytest.raises(OSError, match="holds a live recording already"):
-        Session(RenderedRoom(2), 2, tmp_path)
+    (tmp_path / "own" / "images").mkdir(parents=True)
+    for folder, what in ((tmp_path, "a live recording"), (tmp_path / "own", "images")):
+        with pytest.raises(OSError, match=f"holds {what} already"):
+            Session(RenderedRoom(2), 2, folder)

@@ -89,7 +89,7 @@ class Adviser:
     """Scores the motions of a camera in the hand, one an image, and advises the best at the end of each second.
 
     The candidates are scored in the last images of the second, so that their scores are fresh; where there are fewer
-    images than motions, several share one.
+    images than motions, or images are missing, several share one.
     """
 
     def __init__(self, scenario: Scenario, front_end: FrontEnd, seed: np.random.SeedSequence) -> None:
@@ -99,6 +99,7 @@ class Adviser:
         self._open_loops = np.zeros(1, OPEN_LOOP)  # all motions' alike
         slots = min(self._frames - 1, MOTION_COUNT)
         self._turn = self._frames - slots + np.arange(MOTION_COUNT) * slots // MOTION_COUNT
+        self._frame_time, self._begun = scenario.frame_time, 0.0
         self._phase, self._pending = 0, np.full(MOTION_COUNT, np.nan)
         self.command = Motion.STAY
         """The present advice."""
@@ -107,15 +108,16 @@ class Adviser:
         self.advised = np.zeros(MOTION_COUNT, int)
         """(7,) how often each motion was advised."""
 
-    def consider(self) -> bool:
-        """After an image: score the motions whose turn it is; True where there is a new command."""
+    def consider(self, time: float) -> bool:
+        """After an image, ``time`` [s] after the first one: score the motions whose turn it is; True where there is a new
+        command."""
         self.expected.update()
-        self._phase += 1
+        before, self._phase = self._phase, round((time - self._begun) / self._frame_time)
+        for motion in np.flatnonzero((self._turn > before) & (self._turn <= self._phase)).tolist():
+            self._pending[motion] = self._score(motion)
         if self._phase < self._frames:
-            for motion in np.flatnonzero(self._turn == self._phase).tolist():
-                self._pending[motion] = self._score(motion)
             return False
-        self._phase, self.scores = 0, self._pending.copy()
+        self._phase, self._begun, self.scores = 0, time, self._pending.copy()
         self.command = best(self.scores)
         self.advised[self.command] += 1
         return True

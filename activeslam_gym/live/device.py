@@ -85,7 +85,7 @@ class Device(RealCamera):
         adviser = Adviser(self.scenario, front_end, np.random.SeedSequence(0))
         for k in range(1, round(2.0 * self._rate) + 1):
             front_end.step(image, k / self._rate)
-            adviser.consider()
+            adviser.consider(k / self._rate)
 
     # The source -------------------------------------------------------------------------------------------------------
 

@@ -117,8 +117,8 @@ class Session:
             self._recording.close()
 
     def step(self) -> State:
-        """The state after the next image; the last one again, as OVER, where there is none. What is tracked is recorded:
-        images that only waited for the target, or were refused, are left out, so that a replay starts as the run did.
+        """The state after the next image; the last one again, as OVER, where there is none. It is recorded, unless its
+        image only waited for the target, or was refused, so that a replay starts as the run did.
 
         Raises:
             ValueError: an image cannot be read, or the first one does not show the target.
@@ -167,7 +167,7 @@ class Session:
         self.log = front_end.step(self._image, self._time)
         if self.log.matched >= _FEW and not self.log.lost:
             self._good = self._time
-        if self.adviser.consider() and self.source.person is not None:
+        if self.adviser.consider(self._time) and self.source.person is not None:
             self.source.person.hear(self.adviser.command)
 
     def _standing(self) -> Standing:

@@ -131,14 +131,21 @@ def test_states_of_all_kinds_are_shown(page: Page) -> None:
 def test_the_command_agrees_with_the_standing_and_each_start_is_shown(page: Page) -> None:
     nothing = {"standing": Standing.WAITING, "command": Motion.STAY, "log2_dets": np.full(3, np.nan)}
     waits = replace(a_state(0, 0), time=5000.0, fiducials=np.zeros((0, 3)), **nothing)
+    told = list[str]()
+    tell, send = (lambda _, words, **__: told.append(words)), (lambda name, *_, **__: told.append(name))
+    event = SimpleNamespace(client=SimpleNamespace(add_notification=tell, send_file_download=send))
     for _ in range(2):
         page.draw(waits)
         assert "–" in page._counts.content and not page._way.visible and not page._history
+        page._save(event)
+        assert told.pop() == "There is no map yet." and page.requests.empty()
         page._server.initial_camera.position = (9.0, 9.0, 9.0)
         for frame in range(2, 7):  # the first state may not be drawn
             page._drawn = 0.0
             page.draw(replace(a_state(frame), camera=np.eye(1, 13, 3)[0] + np.eye(1, 13)[0] * frame))
         np.testing.assert_allclose(page._server.initial_camera.position, (2.8, 1.2, -2.8))
+        page._save(event)
+        assert told.pop() == "map.csv" and page.requests.get() == ("save", event.client)
         assert page._way.visible and "Move up" in page._command.content and page._arrow.visible
     for words, standing in (("Go back", Standing.LOST), ("The end", Standing.OVER), ("Please wait", Standing.WAITING)):
         page.draw(replace(a_state(7), standing=standing))

@@ -58,6 +58,18 @@ def test_a_command_a_second_is_the_best_of_seven(walk: Any) -> None:
     assert best(np.array([1.0, 2.0, 0.0, 0.0, 0.0, 0.0, 1.5])) == Motion.BACKWARDS
 
 
+class Slow(RenderedRoom):
+    """Two of three images are missing."""
+
+    def next(self) -> Any:
+        return [super(Slow, self).next() for _ in range(3)][-1]
+
+
+def test_a_command_a_second_where_images_are_missing() -> None:
+    session = Session(Slow(3))
+    assert [session.step().advised.sum() for _ in range(11)] == [0] * 5 + [1] * 5 + [2]
+
+
 def test_the_same_seed_gives_the_same_run_after_a_restart(walk: Any) -> None:
     session, states = walk
     session.restart()

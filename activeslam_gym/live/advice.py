@@ -21,8 +21,11 @@ from activeslam_gym.kernels import record
 from activeslam_gym.linalg import cholesky_in_place
 from activeslam_gym.motion import MOTION_COUNT, Motion, motion_of
 from activeslam_gym.vision.frontend import FrontEnd
+from activeslam_gym.vision.settings import SIGHTED
 
 _PARTS = ("camera", "pose", "map", "total")
+_MOST_CHANGE = SIGHTED.most_change
+"""Change of a view up to which any template can be drawn [rad]: beyond it, some are too narrow or of another size."""
 
 
 def points_anywhere(scenario: Scenario, seed: np.random.SeedSequence) -> np.ndarray:
@@ -35,7 +38,7 @@ class ExpectedMap:
 
     def __init__(self, scenario: Scenario, front_end: FrontEnd, seed: np.random.SeedSequence) -> None:
         self._front_end, self._filter, self.camera = front_end, front_end.filter, front_end.camera
-        self._limits = SensorLimits(front_end.settings.most_change, front_end.settings.visible)
+        self._limits = SensorLimits(min(front_end.settings.most_change, _MOST_CHANGE), front_end.settings.visible)
         self.landmark_var = np.array(scenario.landmark_prior_variance)
         """(3,) of a landmark without a feature, each axis [m^2]."""
         self._expected = np.zeros(scenario.landmark_count, EXPECTED)

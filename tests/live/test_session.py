@@ -190,6 +190,9 @@ def test_a_recorded_sequence_is_followed_and_advised_at_its_rate(tmp_path: Path)
     assert np.linalg.norm(states[9].camera[:3] - places[9][:3]) < 0.02
     assert states[9].advised.sum() == 1 and np.isfinite(states[9].scores).all()  # five images a second
     assert states[9].follows is None and states[9].truth is None
+    belief, aside = session.adviser.expected.predicted_belief(), pose_at((1.0, 0.03, 0.0))
+    known, points = len(session.front_end.filter.ids), measurable_points(session.front_end.camera, belief, aside)
+    assert known > 8 and not points[:known].any(), "no template can be drawn from there"
     session.restart()
     assert session.step().frame == 1
 

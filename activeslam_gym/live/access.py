@@ -125,7 +125,12 @@ def _certificate() -> SSLContext:
     except ModuleNotFoundError:
         raise ModuleNotFoundError("trustme is needed to encrypt the page: install the extra `live`") from None
     context, machine = SSLContext(PROTOCOL_TLS_SERVER), socket.gethostname()
-    trustme.CA().issue_cert(machine, f"{machine}.local").configure_cert(context)
+    authority = trustme.CA()
+    try:
+        certificate = authority.issue_cert(machine, f"{machine}.local")
+    except UnicodeError:  # the machine's name cannot be a host's, as my_pc
+        certificate = authority.issue_cert("localhost")
+    certificate.configure_cert(context)
     return context
 
 

@@ -112,8 +112,7 @@ class Adviser:
         """(7,) how often each motion was advised."""
 
     def consider(self, time: float) -> bool:
-        """After an image, ``time`` [s] after the first one: score the motions whose turn it is; True where there is a new
-        command."""
+        """After an image, ``time`` [s] after the first: score the motions whose turn it is; True at a new command."""
         self.expected.update()
         before, self._phase = self._phase, round((time - self._begun) / self._frame_time)
         for motion in np.flatnonzero((self._turn > before) & (self._turn <= self._phase)).tolist():

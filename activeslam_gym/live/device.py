@@ -11,12 +11,9 @@ from queue import Empty, Full, Queue
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
 
 from activeslam_gym.files import argument, demand_writable_file, written_whole
-from activeslam_gym.live.advice import Adviser
 from activeslam_gym.live.source import GuidanceError, RealCamera
-from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.board import BOARD, BoardCalibration, View, find_board, sheet, way_between
 from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.frontend import FrontEnd
@@ -75,17 +72,6 @@ class Device(RealCamera):
         lens, straighten = _ROUGHLY if calibration is None else lens_from(calibration, camera)
         super().__init__(lens, straighten, BOARD if target is None else read_target(target, straighten.pixels), rate)
         self._warm_up()
-
-    def _warm_up(self) -> None:
-        """Compile what two seconds of tracking need: with a minute between the first two images the camera is lost."""
-        texture = gaussian_filter(np.random.default_rng(0).normal(128.0, 400.0, self._calibration[1::-1]), 3.0)
-        image = np.clip(texture, 0.0, 255.0).astype(np.uint8)
-        front_end = FrontEnd(Filter(self.scenario))
-        front_end.start(image, 0.0, np.zeros(0, np.int64), np.zeros((0, 2)))
-        adviser = Adviser(self.scenario, front_end, np.random.SeedSequence(0))
-        for k in range(1, round(2.0 * self._rate) + 1):
-            front_end.step(image, k / self._rate)
-            adviser.consider(k / self._rate)
 
     # The source -------------------------------------------------------------------------------------------------------
 

@@ -32,7 +32,10 @@ def source_of(args: Namespace) -> Source:
         raise ValueError("--film is written into the folder of --record: give both")
     if args.calibrate is not None and (args.source != BROWSER or args.calibration is not None):
         raise ValueError("--calibrate is for --source browser without --calibration")
+    given = [f"--{name}" for name in ("calibration", "camera", "target") if getattr(args, name) is not None]
     if args.source == "rendered":
+        if given:
+            raise ValueError(f"{given[0]} is for a source that is not rendered: give --source")
         if args.seed < 0:
             raise ValueError(f"--seed must be 0 or more, got {args.seed}")
         return RenderedRoom(args.seed, args.follow)

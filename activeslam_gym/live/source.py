@@ -6,12 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import gaussian_filter
 
 from activeslam_gym.camera import camera_of, free_way
 from activeslam_gym.config import SCENARIOS
 from activeslam_gym.geometry import quaternion_exp, rotation_error
 from activeslam_gym.kernels import Record
-from activeslam_gym.live.advice import PERIOD
+from activeslam_gym.live.advice import PERIOD, Adviser
 from activeslam_gym.motion import (
     ANGULAR_VELOCITY,
     CAMERA_SIZE,
@@ -174,6 +175,17 @@ class RealCamera:
         """(h, w) uint8 the last image, before it was mapped."""
         self._see_through(calibration)
 
+    def _warm_up(self) -> None:
+        """Compile what two seconds of tracking need: with a minute between the first two images the camera is lost."""
+        texture = gaussian_filter(np.random.default_rng(0).normal(128.0, 400.0, self._calibration[1::-1]), 3.0)
+        image = np.clip(texture, 0.0, 255.0).astype(np.uint8)
+        front_end = FrontEnd(Filter(self.scenario))
+        front_end.start(image, 0.0, np.zeros(0, np.int64), np.zeros((0, 2)))
+        adviser = Adviser(self.scenario, front_end, np.random.SeedSequence(0))
+        for k in range(1, round(2.0 * self._rate) + 1):
+            front_end.step(image, k / self._rate)
+            adviser.consider(k / self._rate)
+
     def _see_through(self, calibration: Calibration) -> None:
         """The lens is that of a ``calibration``."""
         self._calibration = calibration
@@ -200,7 +212,11 @@ class RecordedImages(RealCamera):
         """A live camera's images come at their own times, and at first may not show the target."""
         lens, straighten = lens_from(calibration, camera)
         super().__init__(lens, straighten, read_target(target, straighten.pixels), rate)
-        self._images = self._opened()
+        self._images: Iterator[Frame] | None = self._opened()
+        if self.is_camera:
+            self.next()  # is it there, and of this size? What it takes from now on is too old to begin with
+            self._images = None
+            self._warm_up()
 
     def restart(self) -> None:
         """Start again. Raises ValueError: there is no image."""
@@ -212,5 +228,6 @@ class RecordedImages(RealCamera):
 
     def next(self) -> Frame | None:
         """The next image, or None. Raises ValueError: it cannot be read."""
+        self._images = self._images or self._opened()
         frame = next(self._images, None)
         return None if frame is None else self._mapped(frame)

@@ -72,9 +72,9 @@ class Picture:
 
     def __init__(self, make: Any, size: tuple[int, int]):
         dpi = 135 * min(np.array(size) / REFERENCE_SIZE)
-        # A thousandth of a pixel more, since the canvas truncates.
-        self.figure = figure = make(figsize=tuple((np.array(size) + 1e-3) / dpi), dpi=dpi)
         with style.context(["default", _STYLE]):  # whatever the user's settings are
+            # A thousandth of a pixel more, since the canvas truncates.
+            self.figure = figure = make(figsize=tuple((np.array(size) + 1e-3) / dpi), dpi=dpi)
             figure.set_facecolor("white")
             self._title = figure.text(0.022, 0.952, "", size=9.5, weight="bold", va="center")
             self._summary = figure.text(0.977, 0.952, "", size=8.0, va="center", ha="right")

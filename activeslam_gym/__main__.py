@@ -41,7 +41,7 @@ def _add_live(commands: Any) -> None:
     )
     one.set_defaults(run=_live)
     source = (
-        "rendered, a folder, a pattern in quotes, a video, camera:0, or browser for the camera of the page's device"
+        "rendered, a folder, a pattern in quotes, a list, a video, camera:0, or browser for the page's device's camera"
     )
     one.add_argument("--source", default="rendered", help=f"{source} {_DEFAULT}")
     one.add_argument("--calibration", help=f"{_LENS} (for a source that is not rendered)")

@@ -45,7 +45,7 @@ _LEAST_LEVEL = 0.2
 
 APPEARANCE, appearance_of = constants(
     Scenario(),
-    search_gate=11.8,  # chi-square bound of the first detection: what is searched is an ellipse of 3 sigma
+    search_gate=11.8,  # chi-square bound of the first detection: an ellipse of 3.4 sigma, as probable as 3 on a line
     gate=lambda s: chi_square_2_quantile(s.gate_probability),  # and of each further one, given those accepted
     chance_area=500.0,  # searched area for one detection by chance, which looks enough like the prediction [px^2]
 )

@@ -96,7 +96,8 @@ def test_scores_policies_and_layouts_are_named(env: ActiveSLAMEnv, batch: Active
     for core, criterion in itertools.product((env, batch), (5, None, [], {}, "bogus", object(), b"x", ("a",))):
         for scores in (core.motion_scores, core.gaze_scores, core.joint_scores):
             refuses("criterion", scores, criterion)
-    for plans in (None, 5, [], np.zeros(3), np.zeros((2, 2)), "a", np.array([[(0, 0, 10**10)]], ACTION)):
+    none = ((0, 0, 10**10), (7, 0, 1), (0, 3, 1), (0, 0, -1))
+    for plans in (None, 5, [], np.zeros(3), np.zeros((2, 2)), "a", *(np.array([[one]], ACTION) for one in none)):
         refuses("plans", env.scores, plans)
     refuses("seed", baselines.fixed.Random, batch, np.arange(3))
     foreign = gymnasium.make("CartPole-v1"), gymnasium.make_vec("CartPole-v1", num_envs=1)

@@ -27,8 +27,7 @@ def expectation(*points: tuple[float, float, float]) -> np.ndarray:
 
 def look(expected: np.ndarray, poses: list[np.ndarray], probability: float = 1.0) -> int:
     """Frames from ``poses``, of which 5 make a look; the number of viewpoints."""
-    scenario = {"landmark_count": len(expected), "boxes": (BEHIND,)}
-    run = simulation_of(gym.make("ActiveSLAM-v0", scenario=scenario))
+    run = simulation_of(gym.make("ActiveSLAM-v0", scenario={"landmark_count": len(expected), "boxes": (BEHIND,)}))
     run.world.boxes[0], run.world.state.boxes, run.models.boxes_known = BEHIND, 1, True
     run.models.lens, run.models.motion.half, run.models.on_surfaces = CAMERA, HALF, False
     run.models.filter.initialisation.new_feature_detections = 3

@@ -217,6 +217,7 @@ def test_a_feature_is_initialised_at_the_third_consecutive_detection(initialisat
     initialised = [frame(belief, there, scenario).initialised for _ in range(23)]
     assert initialised == [0, 0, 1] + [0] * 20  # no duplicate of what is known
     assert belief.feature[0].kind == kind and belief.state.initialised == 1
+    assert frame(still_belief(scenario), there, replace(scenario, new_feature_detections=1)).initialised == 1
 
 
 @pytest.mark.parametrize("kind, kept", [(INVERSE_DEPTH, False), (POINT, True)])

@@ -71,13 +71,6 @@ def test_a_belief_is_resumed_as_it_is_given_and_predicts_pixels_by_it() -> None:
     point = filter.sight().point
     found = filter.update(detections_of(point["z_hat"], R_PAPER))
     np.testing.assert_array_equal(found, point["id"])  # at once: nothing was crowded
-    for mean, P_c in ((np.full(13, np.nan), P[:12, :12]), (camera, 0.1)):
-        with pytest.raises(ValueError, match="mean must be finite|covariance must be numbers"):
-            filter.place_camera(mean, P_c)
-    with pytest.raises(ValueError, match="covariance must be numbers of shape"):
-        filter.resume(camera, points, np.eye(15))
-    with pytest.raises(ValueError, match=f"points must be {filter.capacity} at most"):
-        filter.resume(camera, np.ones((filter.capacity + 1, 3)), P)
 
 
 def test_going_back_to_a_snapshot_stays_in_the_arrays_of_the_run_that_it_works_on() -> None:
@@ -153,21 +146,16 @@ def test_features_wander_as_their_view_changes(kind: int, nearer: float) -> None
         (lambda f: f.predict("fast"), "u must be .* got 'fast'"),
         (lambda f: f.predict(dt=0.0), "dt must be a positive number of seconds, got 0.0"),
         (lambda f: Filter(fiducials=np.ones((5, 3))).draw_bias(0, 0.1), "at most 4 fiducials may have biases"),
-        (lambda f: f.add_landmark([1.0, 2.0], np.eye(3)), r"R must be .* \(2, 2\)"),
+        (lambda f: f.add_landmark([1.0, 2.0], [[4.0, 9.0], [9.0, 4.0]]), "R must be symmetric, with no eigen"),
         (lambda f: f.update([[1.0, 2.0]]), "detections must be of type DETECTION"),
         (lambda f: f.update(detections_of([[1.0, np.inf]])), "detections must have finite pixels"),
-        (
-            lambda f: f.update(detections_of([[9.0, 9.0]], -R_PAPER)),
-            r"R of detections must be symmetric, with no .* -4",
-        ),
+        (lambda f: f.update(detections_of([[9.0, 9.0]], -R_PAPER)), "R of detections must be symmetric"),
         (lambda f: f.update(detections_of([[9.0, 9.0]], ids=[999]), True), r"id of labelled detections .* \[999\]"),
-        (
-            lambda f: f.add_landmark([1.0, 2.0], [[4.0, 9.0], [9.0, 4.0]]),
-            "R must be symmetric, with no eigenvalue under",
-        ),
         (lambda f: Filter(camera=np.zeros(13)), "camera must have a quaternion of length 1"),
         (lambda f: Filter(covariance=-np.eye(12)), "covariance must be symmetric, with no"),
         (lambda f: Filter(boxes=[[[1.0] * 3, [-1.0] * 3]]), "boxes must have a lowest"),
+        (lambda f: f.place_camera(np.full(13, np.nan), np.eye(12)), "mean must be finite"),
+        (lambda f: f.resume(f.mean, np.ones((41, 3)), np.eye(12)), "points must be 40 at most"),
         (lambda f: f.resume(f.mean, [[0.0] * 3], np.eye(15)), "points must have positive inverse"),
         (lambda f: setattr(f, "expected_inverse_depth", (-1.0, 0.3)), "expected_inverse_depth must be"),
     ],
@@ -178,18 +166,6 @@ def test_bad_inputs_are_named_and_change_nothing(call, message: str) -> None:
         call(filter)
     assert filter.belief.state == Filter().belief.state
     np.testing.assert_array_equal(filter.belief.covariance, Filter().belief.covariance)
-
-
-@pytest.mark.parametrize("asked", [1, 2, 3])
-def test_so_many_detections_as_are_asked_initialise_a_feature_and_no_second_one(asked: int) -> None:
-    """The answer of `update` was not in the detections that `initialise` reads, and 1 took two."""
-    filter = Filter(Scenario(new_feature_detections=asked))
-    for frame in range(9):
-        found = detections_of([[100.0, 80.0]])
-        filter.predict()
-        filter.update(found)
-        filter.initialise(found)
-        assert filter.ids.tolist() == [1] * (frame + 1 >= asked)
 
 
 @pytest.mark.parametrize("initialisation", [INVERSE_DEPTH, DEPTH_PARTICLES])
@@ -209,7 +185,7 @@ def test_fed_an_environments_detections_it_holds_the_environments_belief(initial
         u = accelerations(motion, filter.belief.state.camera, control.start, control.goal, begun, turn)
         filter.predict(u, scenario.frame_time)
         detections = run.detections[: run.episode.detection_count].copy()
-        detections["match"] = filter.update(detections)
+        filter.update(detections)  # writes their match, which `initialise` reads
         filter.initialise(detections)
         np.testing.assert_array_equal(detections["match"], run.detections["match"][: run.episode.detection_count])
         assert filter.belief.state == run.ekf.state

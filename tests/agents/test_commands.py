@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from importlib import import_module
 from itertools import product
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, get_type_hints
 
 import numpy as np
@@ -31,6 +30,7 @@ class P:
 def raises(env): raise ZeroDivisionError("division by zero\\nand more")
 def none(env): return None
 def no_arguments(): return None
+def no_state(env): return P(lambda: (2, 1))
 def not_a_number(env): return P(lambda: ((float("nan"), 1), None))
 """
 FILES = {"file": "x", "page.md": "no marks", "own.py": OWN, "exits.py": "import sys; sys.exit(3)"}
@@ -50,6 +50,7 @@ TABLE: tuple[tuple[str, str, str, str], ...] = (
     ("compare", "--policies", "own:raises", "ZeroDivisionError: division by zero (own.py:7)"),
     ("compare", "--policies", "own:no_arguments", "TypeError"),
     ("compare", "--policies", "own:none", "must return an action, or an object with predict(observation, …), got None"),
+    ("compare", "--policies", "own:no_state", "predict must return (action, state), got (2, 1)"),
     ("compare", "--policies", "own:not_a_number", "action must be two whole numbers"),
     ("train", "--reward", "bogus", "reward must be one of entropy, log_score"),
     ("compare watch", "--gaze-period", "0.07", "must be a whole multiple of the frame (0.05 s)"),
@@ -187,10 +188,6 @@ def test_two_policies_are_watched_side_by_side(tmp_path: Path, capsys: pytest.Ca
         first = np.asarray(animation.convert("RGB"))
         animation.seek(4)
         assert (np.asarray(animation.convert("RGB")) != first).any()
-    film = watch.Film(0.5, 60)
-    for k in range(9):
-        film.observe(SimpleNamespace(time=0.25 * k, snapshot=dict), {"lost": k > 2})
-    assert len(film._moments) == 5
     said = capsys.readouterr().out
     assert "sweep, episode 1000000:" in said and f"Written to {clip}" in said
     poses = np.loadtxt(tmp_path / "tum" / "sweep-1000000-true.tum")

@@ -16,7 +16,7 @@ from gymnasium.wrappers import RescaleAction
 
 import baselines
 from activeslam_gym import Gaze, Motion
-from activeslam_gym.evaluation import Episode, row_of, run_episode
+from activeslam_gym.evaluation import Episode, play, row_of, run_episode
 from activeslam_gym.files import written_whole
 from agents import policies
 from agents import task as tasks
@@ -112,6 +112,10 @@ def test_record_of_an_episode_holds_what_its_environment_tells() -> None:
     np.testing.assert_allclose(np.linalg.norm(run.rotation_offset, axis=1), run.orientation_error, atol=1e-6)
     assert len(run.landmark_times) == run.landmarks_mapped.max()
     assert np.isfinite(run.landmark_errors).sum() == run.distinct_landmarks[-1]
+    env = gym.make("ActiveSLAMDiscrete-v0", duration=1.0)
+    assert run_episode(env, lambda env: np.array([7]), 0).actions.tolist() == [[2, 1]] * 4
+    with pytest.raises(ValueError, match="observers: 2 lists"):
+        play(env, lambda env: 7, [0], observers=[[], []])
 
 
 def test_compare_writes_everything_and_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -209,13 +213,13 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks into /proc")
 @pytest.mark.parametrize("name", ["/mine/policy.npz", "../policy.zip", "rllib:/mine"])
 def test_weights_that_cannot_be_sent_to_a_cluster_are_refused(name: str) -> None:
     with pytest.raises(ValueError, match="below the working folder"):
         policies.files(["sweep", name])
 
 
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks into /proc")
 def test_workers_end_with_a_killed_parent(tmp_path: Path) -> None:
     script, files = tmp_path / "sleepy.py", [tmp_path / name for name in "ab"]
     script.write_text(SLEEPY)

@@ -4,15 +4,13 @@ import json
 import subprocess
 from dataclasses import asdict, replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
 from activeslam_gym.config import SCENARIOS
-from activeslam_gym.evaluation import Episode, Store, code, play, row_of, run_episode
+from activeslam_gym.evaluation import Episode, Store, code, row_of
 from agents.task import Task, make_environment, play_tasks, run_policy
 from tests.support import assert_same_record
 
@@ -54,20 +52,6 @@ def test_a_batch_plays_the_episodes_of_single_environments(case: str) -> None:
         assert_same_record(one, other)
     assert together[0]["notes.looks"] == 7
     assert len(together[0]["times"]) == 4  # kept: one a second
-
-
-def test_what_a_policy_returns() -> None:
-    """An index may stand in an array; an action without its state is named, before it is played."""
-    policy = SimpleNamespace()
-    for id, action in (("Discrete", [7]), ("Discrete", np.array([7])), ("", [2, 1])):
-        env, policy.predict = gym.make(f"ActiveSLAM{id}-v0", duration=1.0), lambda *_, to=(action, None), **__: to
-        assert run_episode(env, policy, 0).actions.tolist() == [[2, 1]] * 4
-    with pytest.raises(ValueError, match="observers: 2 lists"):
-        play(env, policy, [0], observers=[[], []])
-    for wrong in ((2, 1), np.array([2, 1]), (np.array([2, 1]), None, 0)):
-        policy.predict = lambda *_, to=wrong, **__: to
-        with pytest.raises(ValueError, match=r"predict must return \(action, state\), got"):
-            run_episode(env, policy, 0)
 
 
 def test_samples_of_a_period_are_the_nearest_of_all_and_the_last() -> None:

@@ -160,17 +160,9 @@ def test_expected_landmarks_that_no_camera_sees_are_in_no_score() -> None:
     P = whole.covariance[:size, :size].copy()
     rest = whole._replace(points=whole.points[: -whole.waiting], covariance=P, waiting=0)
     for criterion in ("mutual_information", "fisher_trace"):
-        without, plans = np.empty(len(Motion)), motion_plans(20)
-        score_plans(
-            models.lens,
-            models.motion,
-            rest,
-            0.0,
-            plans,
-            list(CRITERIA).index(criterion),
-            np.zeros(1, OPEN_LOOP),
-            without,
-        )
+        without, plans, open_loop = np.empty(len(Motion)), motion_plans(20), np.zeros(1, OPEN_LOOP)
+        number = list(CRITERIA).index(criterion)
+        score_plans(models.lens, models.motion, rest, 0.0, plans, number, open_loop, without)
         np.testing.assert_array_equal(core.motion_scores(criterion), without)
     assert (before > core.motion_scores("mutual_information")).any()
 

@@ -165,6 +165,8 @@ def test_the_camera_of_the_browser_is_tracked_and_advised(visit: Any, files: lis
     run = tmp_path / "run"
     with serving(*files, "--record", str(run)) as address:
         page = visit(address)
+        asked = page.locator("#device").inner_text()
+        assert "Use this device's camera?" in asked and f"kept there, with the trajectory, in {run}" in asked
         page.wait_for_timeout(2000)
         assert not states(run) and "press Film" in page.locator("#standing").inner_text()
         page.dblclick("#film")
@@ -192,6 +194,7 @@ def test_without_leave_nothing_is_filmed_and_without_a_recording_nothing_is_kept
     before = set(tmp_path.rglob("*"))
     with serving(*files) as address:
         page = visit(address, allows=False)
+        assert "They are not kept." in page.locator("#device").inner_text()
         page.click("#film")
         until(lambda: "The camera was not allowed." in page.locator("#trouble").inner_text(), PATIENCE)
         assert "press Film" in page.locator("#standing").inner_text()

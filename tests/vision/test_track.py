@@ -148,7 +148,7 @@ def test_sigterm_loses_no_track(sequence, tmp_path) -> None:
     line = [sys.executable, "-m", "activeslam_gym", *command(sequence, tmp_path / "out", tmp_path / "images", "--film")]
     root = Path(__file__).resolve().parents[2]
     with subprocess.Popen(line, cwd=root, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        while process.poll() is None and not (frames.exists() and frames.read_text().count("\n") > 10):
+        while process.poll() is None and not (frames.exists() and frames.read_text().count("\n") > 12):
             time.sleep(0.05)
         running = process.poll() is None
         process.send_signal(signal.SIGTERM)

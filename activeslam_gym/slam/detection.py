@@ -146,7 +146,8 @@ def measure_from_start(h: Hypotheses) -> None:
     for a in range(h.d2.shape[0]):
         for i in range(h.d2.shape[1]):
             apart = h.detections[i].id != UNASSOCIATED and h.detections[i].id != h.points[a].id
-            h.d2[a, i] = np.inf if apart else distance_and_det(h.z, h.S, a, h.detections[i])[0]
+            h.d2[a, i] = np.inf if apart else 0.0
+    measure_distances(h)
 
 
 @borrowing
@@ -168,11 +169,8 @@ def cost_of(h: Hypotheses, a: int, i: int) -> float:
 
 @compiled
 def accept(h: Hypotheses, a: int, i: int, matches: np.ndarray) -> None:
-    """Match prediction ``a`` to detection ``i``, and condition all predictions on it; ``matches`` as of `condition`."""
-    for j in range(h.d2.shape[1]):
-        h.d2[a, j] = np.inf
-    for b in range(h.d2.shape[0]):
-        h.d2[b, i] = np.inf
+    """Match prediction ``a`` to detection ``i``, and `condition` all predictions on it."""
+    h.d2[a], h.d2[:, i] = np.inf, np.inf
     condition(h.z, h.S, a, h.detections[i], matches)
 
 

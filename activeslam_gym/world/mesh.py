@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import connected_components
 from trimesh.transformations import rotation_matrix
 
 from activeslam_gym.config import ANYWHERE, CENTRE, NoRoomError, Scenario
-from activeslam_gym.config.bounds import is_number
+from activeslam_gym.config.bounds import is_number, plain
 from activeslam_gym.world.scenes import AROUND
 
 _UP = {"y": np.eye(4), "z": rotation_matrix(-0.5 * np.pi, (1.0, 0.0, 0.0))}  # to Y up
@@ -36,7 +36,7 @@ class MeshFactory:
     unit: float = 1.0
 
     def __post_init__(self) -> None:
-        if self.up not in _UP or not is_number(self.unit) or self.unit <= 0.0:
+        if self.up not in _UP or not is_number(plain(self.unit)) or self.unit <= 0.0:
             raise ValueError(f"up must be y or z, and unit a positive number of metres, got {self}")
 
     def fitted(self, scenario: Scenario) -> Scenario:

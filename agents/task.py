@@ -174,9 +174,8 @@ def _rate(policy: str, settings: str) -> str:
     """At which rate a saved model is played, and how to choose another."""
     if period := policies.period_of(policy):
         return f"{policy} decides every {period:g} s, as the card beside it says."
-    own, card = _resolved(settings)["gaze_period"], Path(policy).with_suffix(".json").name
-    other = f'--gaze-period, or {{"decision_period": …}} in {card}'
-    return f"{policy} decides every {own:g} s. Was it trained at another rate? {other}."
+    other = '--gaze-period, or {"decision_period": …} in NAME.json beside NAME.zip'
+    return f"{policy} decides every {_resolved(settings)['gaze_period']:g} s. Was it trained at another rate? {other}."
 
 
 def _step_once(tasks: tuple[Task]) -> None:

@@ -48,7 +48,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
 
     The enums `Motion` and `Gaze` have these names; the scenario's `step_length` and `turn_rate` can change the sizes.
     One step is one `gaze_period`. Gaze acts at once; the motion is read on the first step of each `motion_period`, from
-    the estimated pose, and held until the period is over, while later motions are ignored. Its goal is clipped to lie
+    the estimated pose, and held until the period is over; later ones are ignored. Its goal is clipped to lie
     0.4 m inside the walls; where there are boxes or another scene, it ends 0.4 m before a body on its way.
     `ActiveSLAMDiscrete-v0` and `ActiveSLAMContinuous-v0` take other actions, see `ActiveSLAMDiscreteEnv` and
     `ActiveSLAMContinuousEnv`.

@@ -24,8 +24,9 @@ SPACES = (
     gym.spaces.MultiDiscrete([len(Motion), len(Gaze)]),
     gym.spaces.Discrete(len(Motion) * len(Gaze)),
     gym.spaces.Box(-1.0, 1.0, COMMANDS.shape[2:], np.float32),
+    gym.spaces.Box(-np.inf, np.inf, COMMANDS.shape[2:], np.float32),
 )
-"""Of pairs, indices and points."""
+"""Of pairs, indices and points, and of points that `gymnasium.wrappers.ClipAction` takes."""
 
 
 def best(scores: ArrayLike) -> Actions:

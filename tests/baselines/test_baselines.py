@@ -95,6 +95,8 @@ def test_takes_the_best_action(name: str, leading: tuple[int, ...]) -> None:
 def test_a_wrapper_may_change_the_observation_but_not_the_actions() -> None:
     env: Any = gym.wrappers.FrameStackObservation(gym.make("ActiveSLAM-v0"), 3)
     assert act(baselines.make("mi-mi", env), env.reset(seed=0)[0]) in env.action_space
+    clipped = gym.wrappers.ClipAction(gym.make("ActiveSLAMContinuous-v0"))
+    assert act(baselines.make("orbit", clipped), clipped.reset(seed=0)[0]) in clipped.unwrapped.action_space
     for space in (gym.spaces.Discrete(7), gym.spaces.MultiDiscrete([4, 3]), gym.spaces.Box(-2, 2, (4,), np.float32)):
         with pytest.raises(ValueError, match="its actions are"):
             baselines.make("mi-mi", gym.wrappers.TransformAction(env, lambda action: action, space))

@@ -89,7 +89,7 @@ def images_of(
     if str(path).startswith(CAMERA):
         if times is not None:
             raise ValueError("times are for stored images; a live camera has its own")
-        return Images(_begun(_live(str(path))), rate or USUAL_RATE, None)
+        return Images(_begun(_live(str(path), size)), rate or USUAL_RATE, None)
     file, kind, own, files = Path(path), Path(path).suffix.lower(), None, list[Path]()
     rows = read_times(times or path) if times or kind in LISTS else []
     stamps = [stamp for stamp, _ in rows] if timed else []
@@ -337,14 +337,16 @@ def _rate_of_packets(path: Path) -> float | None:
     return (len(times) - 1) / (max(times) - min(times)) if len({*times}) > 1 else None
 
 
-def _live(name: str) -> Iterator[Frame]:
-    """The images of a live camera, until it stops."""
+def _live(name: str, size: tuple[int, int] | None) -> Iterator[Frame]:
+    """The images of a live camera, of which that ``size`` is asked, until it stops."""
     cv2, number = opencv(), name.removeprefix(CAMERA)
     if not number.isdecimal():
         raise SourceError(f"a camera is camera:0, camera:1 and so on, got {name}")
     capture = cv2.VideoCapture(int(number))
     if not capture.isOpened():
         raise SourceError(f"{name} is not there or cannot be opened")
+    for side, pixels in zip((cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT), size or ()):
+        capture.set(side, pixels)
     began = time.monotonic()
     try:
         while (frame := capture.read())[0]:

@@ -92,7 +92,8 @@ class LearnedPolicy:
         firsts = [value for name, value in weights.items() if name.endswith("features_extractor.globals.0.weight")]
         if {one.shape[:-1] for one in firsts} != {(card["width"],)}:
             raise ValueError(f"width: {card['width']}, which is not that of the weights")
-        self._inputs = Inputs(observation_layout(env), firsts[0].shape[1])
+        layout = observation_layout(env)
+        self._inputs, self._size = Inputs(layout, firsts[0].shape[1]), layout.size
         self._network = network_of(self._inputs.layout, weights, card)
         self._space = action_space_of(env)
 
@@ -100,8 +101,14 @@ class LearnedPolicy:
         self, observation: np.ndarray, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
         """(D,) -> (2,), (B, D) -> (B, 2), or the actions of the discrete and the continuous id; ``state`` holds the
-        last decisions (B, 2), points (B, 4) of SAC on the continuous id."""
+        last decisions (B, 2), points (B, 4) of SAC on the continuous id.
+
+        Raises:
+            ValueError: a wrapper has changed the observation.
+        """
         observations = np.atleast_2d(observation)
+        if observations.shape[1:] != (self._size,):
+            raise ValueError(f"observation: of shape {np.shape(observation)}; allowed: that of the environment itself")
         step = np.round(np.atleast_1d(self._env.time) / self._env.gaze_period).astype(int)
         due = np.full(len(observations), True) if state is None else np.broadcast_to(step % self._hold == 0, len(state))
         if due.any():

@@ -111,6 +111,8 @@ def test_a_learned_policy_acts_in_single_batch_discrete_and_larger_environments(
     assert acts(gym.make("ActiveSLAMDiscrete-v0"), weights) == 3 * action[0] + action[1]
     for scenario in ({"landmark_count": 60}, "office"):
         acts(gym.make("ActiveSLAM-v0", scenario=scenario, gaze_period=0.25), weights)
+    with pytest.raises(ValueError, match="observation: of shape"):
+        acts(gym.wrappers.FrameStackObservation(gym.make("ActiveSLAM-v0"), 2), weights)
 
 
 def test_it_holds_its_action_between_its_decisions(trained: Path) -> None:

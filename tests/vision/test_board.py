@@ -148,11 +148,13 @@ def test_hidden_files_and_folders_are_no_images_and_other_endings_are_reported(t
 def test_a_live_camera_gives_grey_images_until_it_stops(monkeypatch) -> None:
     def camera(number: int) -> SimpleNamespace:
         reads = iter([(True, np.full((4, 6, 3), (10, 20, 30), np.uint8))] * 2)
-        opened = number == 0
-        return SimpleNamespace(isOpened=lambda: opened, read=lambda: next(reads, (False, None)), release=lambda: None)
+        opened, read = number == 0, lambda: next(reads, (False, None))
+        return SimpleNamespace(isOpened=lambda: opened, read=read, release=lambda: None, set=asked.__setitem__)
 
+    asked = dict[int, int]()
     monkeypatch.setattr(cv2, "VideoCapture", camera)
-    frames = images_of("camera:0", 30.0).frames
+    frames = images_of("camera:0", 30.0, size=(6, 4)).frames
+    assert asked == {cv2.CAP_PROP_FRAME_WIDTH: 6, cv2.CAP_PROP_FRAME_HEIGHT: 4}, "the calibration's size"
     (first, image), (second, _) = next(frames), next(frames)
     assert image.shape == (4, 6) and first <= second
     with pytest.raises(SourceError, match="camera:0 has stopped"):

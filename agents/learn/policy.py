@@ -93,7 +93,7 @@ class LearnedPolicy:
         if {one.shape[:-1] for one in firsts} != {(card["width"],)}:
             raise ValueError(f"width: {card['width']}, which is not that of the weights")
         layout = observation_layout(env)
-        self._inputs, self._size = Inputs(layout, firsts[0].shape[1]), layout.size
+        self._inputs, self._shape = Inputs(layout, firsts[0].shape[1]), (getattr(self._env, "num_envs", 1), layout.size)
         self._network = network_of(self._inputs.layout, weights, card)
         self._space = action_space_of(env)
 
@@ -107,7 +107,7 @@ class LearnedPolicy:
             ValueError: a wrapper has changed the observation.
         """
         observations = np.atleast_2d(observation)
-        if observations.shape[1:] != (self._size,):
+        if observations.shape != self._shape:
             raise ValueError(f"observation: of shape {np.shape(observation)}; allowed: that of the environment itself")
         step = np.round(np.atleast_1d(self._env.time) / self._env.gaze_period).astype(int)
         due = np.full(len(observations), True) if state is None else np.broadcast_to(step % self._hold == 0, len(state))

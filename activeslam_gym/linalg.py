@@ -251,7 +251,7 @@ def congruence(F: np.ndarray, P: np.ndarray) -> np.ndarray:
 
 @compiled
 def add_symmetric_product(A: np.ndarray, B: np.ndarray, out: np.ndarray) -> None:
-    """out += A B^T (n, n) where that is symmetric: the upper triangle, whose copy is the lower; A, B (>= n, k).
+    """out += A B^T (n, n) where that is symmetric: one triangle, from the lower one of ``out``; A, B (>= n, k).
 
     Zeros of B cost nothing.
     """
@@ -261,6 +261,8 @@ def add_symmetric_product(A: np.ndarray, B: np.ndarray, out: np.ndarray) -> None
             turned[k, i] = A[i, k]
     for j in range(n):
         row = out[j, j:]
+        for i in range(1, n - j):
+            row[i] = out[j + i, j]
         for k in range(turned.shape[0]):
             factor, other = B[j, k], turned[k, j:]
             if factor != 0.0:

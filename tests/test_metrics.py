@@ -41,3 +41,5 @@ def test_tum_file_has_time_position_and_scalar_last_quaternion(tmp_path: Path) -
     write_tum(target, np.array([0.5]), np.array([[1.0, 2.0, 3.0]]), np.array([[0.5, 0.1, 0.2, 0.3]]))
     np.testing.assert_allclose(np.loadtxt(target), [0.5, 1, 2, 3, 0.1, 0.2, 0.3, 0.5])
     assert [path.name for path in tmp_path.iterdir()] == ["run.tum"]
+    with pytest.raises(ValueError, match=r"positions and quaternions must be \(2, 3\) and \(2, 4\)"):
+        write_tum(target, np.zeros(2), np.zeros((1, 3)), np.zeros((1, 4)))

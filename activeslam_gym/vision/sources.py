@@ -106,13 +106,7 @@ def images_of(
                 own, stamps = 1.0 / step if step > 0.0 else None, []
         stored, count = _pictures(files), len(files)
     if len(stamps) > 1:
-        steps = np.diff(stamps)
-        if steps.min() <= 0.0:
-            raise ValueError(f"{times or path}: times must increase, and time {steps.argmin() + 2} does not")
-        own = 1.0 / float(np.median(steps))
-        if not _RATES[0] <= own <= _RATES[1]:
-            said = f"by these, {own:.3g} images a second, and {_RATES[0]:g} to {_RATES[1]:g} are allowed"
-            raise ValueError(f"{times or path}: times must be in s, or in ns since 1970; {said}")
+        own = _rate_of(stamps, times or path)
     if rate and own and abs(rate / own - 1.0) > 0.02:
         used = "the times are used" if stamps else "--rate is used"
         print(f"{path} has {own:.2f} images a second by its times, and --rate is {rate:g}: {used}", file=sys.stderr)
@@ -128,6 +122,18 @@ def images_of(
     clock = None if timed and is_video and not stamps and not rate else iter(stamps or numbered)
     names = tuple(file.name for file in files)
     return Images(_begun(_timed(stored, clock, size)), usual, count, stamps[0] if stamps else 0.0, names)
+
+
+def _rate_of(stamps: list[float], source: str | Path) -> float:
+    """Images a second [Hz] by their ``stamps`` [s] from a ``source``, the median. ValueError: they cannot be times."""
+    steps = np.diff(stamps)
+    if steps.min() <= 0.0:
+        raise ValueError(f"{source}: times must increase, and time {steps.argmin() + 2} does not")
+    rate = 1.0 / float(np.median(steps))
+    if not _RATES[0] <= rate <= _RATES[1]:
+        said = f"by these, {rate:.3g} images a second, and {_RATES[0]:g} to {_RATES[1]:g} are allowed"
+        raise ValueError(f"{source}: times must be in s, or in ns since 1970; {said}")
+    return rate
 
 
 def read_times(path: str | Path) -> list[tuple[float, str]]:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from importlib import import_module
 from itertools import product
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, get_type_hints
 
 import numpy as np
@@ -188,6 +189,10 @@ def test_two_policies_are_watched_side_by_side(tmp_path: Path, capsys: pytest.Ca
         first = np.asarray(animation.convert("RGB"))
         animation.seek(4)
         assert (np.asarray(animation.convert("RGB")) != first).any()
+    film = watch.Film(0.5, 60)
+    for k in range(9):
+        film.observe(SimpleNamespace(time=0.25 * k, snapshot=dict), {"lost": k > 2})
+    assert len(film._moments) == 5
     said = capsys.readouterr().out
     assert "sweep, episode 1000000:" in said and f"Written to {clip}" in said
     poses = np.loadtxt(tmp_path / "tum" / "sweep-1000000-true.tum")

@@ -87,6 +87,7 @@ def test_training_leaves_weights_card_and_checkpoint_and_goes_on(trained: Path) 
     assert card["held_out_return"] is not None  # the end of a short training is judged too
     accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator").EventAccumulator
     events = accumulator(str(next((trained / "logs").iterdir()))).Reload()
+    assert events.Scalars("eval/mean_reward")[-1].value == events.Scalars("eval/paper/mean_reward")[-1].value
     assert events.Scalars("eval/score")[-1].value == pytest.approx(card["held_out_return"])
     train(Args(out=trained, total_steps=80, **SMALL))
     assert PPO.load(trained / CHECKPOINT).num_timesteps == 80

@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from activeslam_gym.config import BOUNDS, SCENARIOS, VARIABLE, Scenario, scenario_from
+from activeslam_gym.config import BOUNDS, SCENARIOS, VARIABLE, Scenario, scenario_from, whole_multiple
 
 PAPER = asdict(Scenario())
 VARIED = f"triples (field, least, greatest), of the fields {', '.join(VARIABLE)}"
@@ -34,6 +34,10 @@ def test_every_field_has_a_bound_and_says_it_of_a_number_beyond_any_float_too() 
         assert refusal(name, value) == f"scenario.{name} must be {BOUNDS[name][0].allowed}, got {plain!r}"
     for name in set(PAPER) - {"name", "initialisation", "motion_criterion"}:
         assert re.match(rf"scenario\.{name} must be .*, got 10000", refusal(name, 10**400))
+    with pytest.raises(ValueError, match="duration must be a positive number of seconds, got 10000"):
+        whole_multiple("duration", 10**400, "gaze_period", 0.05)
+    with pytest.raises(ValueError, match="duration must be at most 1000000000 times gaze_period"):
+        whole_multiple("duration", 1e308, "gaze_period", 0.05)
 
 
 OUT_OF_BOUNDS: tuple[tuple[str, str, tuple[Any, ...]], ...] = (

@@ -175,6 +175,8 @@ def test_objects_are_fresh_and_views_read_only() -> None:
     assert info["entropy"] == entropy
     with pytest.raises(ValueError, match="read-only"):
         belief.covariance[0, 0] = 1.0
+    with pytest.raises(ValueError, match="part must be one of camera, map, total, got 'room'"):
+        belief.log2_det("room")
 
 
 WALL, BEHIND = ((-3.0, -1.0, 0.3), (3.0, 1.0, 0.4)), ((-3.0, -1.0, -3.0), (3.0, 1.0, -2.0))

@@ -54,6 +54,8 @@ def fails(*_: Any) -> float:
 
 WRONG = [
     (lambda *_: math.nan, "must return a finite number {where}, got nan"),
+    (lambda *_: None, "must return a finite number {where}, got None"),
+    (lambda *_: np.zeros(2), r"must return a finite number {where}, got array\(\[0., 0.\]\)"),
     (fails, "failed {where}: KeyError: 'gone'"),
 ]
 

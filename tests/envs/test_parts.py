@@ -264,3 +264,5 @@ def test_parts_that_hold_the_laws_pass() -> None:
     checks.check_sensor("examples.extend_range_sensor:RangeSensor")
     checks.check_estimator("ekf")
     checks.check_sensor(RangeSensor, {"duration": 2.0})
+    with pytest.raises(ValueError, match="the package's own; allowed"):
+        checks.check_sensor("points")

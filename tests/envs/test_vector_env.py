@@ -178,6 +178,7 @@ def test_what_grows_with_the_map_is_one_array_for_each(played: tuple[Any, list[A
         same(vars(batch.run(i).labels), vars(single.labels))
         same(batch.run(i).predicted_belief._asdict(), single.predicted_belief._asdict())
     for name in ("scenario", "gaze_period", "motion_period", "duration", "steps_per_motion", "observation_space"):
+        assert name == "observation_space" or getattr(batch, name) == getattr(singles[0], name)
         assert batch.call(name) == batch.get_attr(name) == tuple(getattr(single, name) for single in singles)
     np.testing.assert_array_equal(batch.get_attr("time"), [one.time for one in singles])
 

@@ -196,11 +196,26 @@ def test_what_plans_share_changes_no_score(criterion: str) -> None:
         np.testing.assert_array_equal(together, [scores_of(belief, plan[None], criterion)[0] for plan in plans])
 
 
-def test_plans_are_all_actions_in_order() -> None:
+def test_plans_are_all_actions_in_order_and_what_is_none_is_named() -> None:
     assert c.motion_plans(5)[:, 0].tolist() == [(motion, Gaze.STAY, 5) for motion in range(7)]
     assert c.gaze_plans(5)[:, 0].tolist() == [(c.REMAIN, gaze, 5) for gaze in range(3)]
     assert c.joint_plans(5)[:, 0].tolist() == [(motion, gaze, 5) for gaze in range(3) for motion in range(7)]
     assert c.sequence_plans(5, 2)["motion"].tolist() == [[i, j] for i in range(7) for j in range(7)]
+    for named, wrong in (("motion", (7, 0, 1)), ("gaze", (0, 3, 1)), ("frames", (0, 0, -1))):
+        with pytest.raises(ValueError, match=f"{named} of plans must be in"):
+            c.checked_plans(plans_of([wrong]))
+
+
+def test_remembered_motions_are_of_the_scenario_as_it_varies() -> None:
+    fields = {"scenario": {"varied": (("acceleration_std", 0.05, 3.0), ("angular_acceleration_std", 0.1, 9.0))}}
+    env, seen = gym.make("ActiveSLAM-v0", **fields).unwrapped, list[np.ndarray]()
+    for seed in (1, 2):
+        fresh = gym.make("ActiveSLAM-v0", **fields).unwrapped
+        for one in (env, fresh):
+            one.reset(seed=seed)
+        seen.append(env.motion_scores())
+        np.testing.assert_array_equal(seen[-1], fresh.motion_scores())
+    assert (seen[0] != seen[1]).all()
 
 
 def test_an_environments_scores_are_scores_of_plans() -> None:

@@ -131,14 +131,20 @@ def test_states_of_all_kinds_are_shown(page: Page) -> None:
 
 def test_the_command_agrees_with_the_standing_and_each_start_is_shown(page: Page) -> None:
     told, waits = list[str](), replace(a_state(0, 0), time=5e3, standing=Standing.WAITING, log2_dets=np.full(3, np.nan))
+    tell, send = (lambda _, words, **__: told.append(words)), (lambda name, *_, **__: told.append(name))
+    event = SimpleNamespace(client=SimpleNamespace(add_notification=tell, send_file_download=send))
     for _ in range(2):
         page.draw(waits)
+        page._save(event)
+        assert told.pop() == "There is no map yet." and page.requests.empty()
         assert "–" in page._counts.content and not page._way.visible and not page._history
         for frame in range(2, 7):  # the first state may not be drawn
             page._drawn = 0.0
             page.draw(replace(a_state(frame), camera=np.eye(1, 13, 3)[0] + np.eye(1, 13)[0] * frame))
         np.testing.assert_allclose(page._server.initial_camera.position, (2.8, 1.2, -2.8))
         page._server.initial_camera.position = (9.0, 9.0, 9.0)
+        page._save(event)
+        assert told.pop() == "map.csv" and page.requests.get() == ("save", event.client)
         assert page._way.visible and "Move up" in page._command.content and page._arrow.visible
     for words, standing in (("Go back", Standing.LOST), ("The end", Standing.OVER), ("Please wait", Standing.WAITING)):
         page.draw(replace(a_state(7), standing=standing))
@@ -148,9 +154,6 @@ def test_the_command_agrees_with_the_standing_and_each_start_is_shown(page: Page
         page._shown -= 9.0
         page._wait()
         assert "No image for 9 s." in page._standing.content and "Please wait" in page._command.content
-    page.draw(waits)
-    page._save(SimpleNamespace(client=SimpleNamespace(add_notification=lambda _, words, **__: told.append(words))))
-    assert told == ["There is no map yet."] and page.requests.empty()
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGHUP, marks=pytest.mark.slow)])
@@ -250,7 +253,9 @@ async def sent(address: str, device: Device) -> list[float]:
             await sender.send(struct.pack("<d", seconds) + JPEG)
             assert await sender.recv() == "next" and device.wait(0.0) == taken
             if taken:
-                times.append(device.next()[0])
+                at, image = device.next()
+                times.append(at)
+                assert image.shape == (240, 320)
         await sender.send(b"nonsense, of some length")
         with pytest.raises(ConnectionClosed, match="no image"):
             await sender.recv()

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from activeslam_gym.linalg import add_symmetric_product
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam import belief as layout
 from activeslam_gym.slam.belief import INVARIANT, INVERSE_DEPTH, KIND_DIM, PLAIN, POINT, RAY, Belief
@@ -137,6 +138,21 @@ def test_propagation_is_the_textbooks(kinds: list[int]) -> None:
     propagate(belief.covariance, belief.state.dim, F, Q)
     np.testing.assert_allclose(joint_covariance(belief), expected, rtol=1e-11, atol=1e-14)
     assert_well_laid(belief)
+
+
+def test_a_symmetric_product_adds_in_order_to_the_lower_triangle() -> None:
+    """To the bit: covariances that differ in the last digit above and below their diagonal once changed image runs."""
+    rng = np.random.default_rng(0)
+    F, P = rng.standard_normal((5, 7)) * (rng.random((5, 7)) < 0.5), support.random_spd(rng, [1.0] * 7)
+    A, out = F @ P, rng.standard_normal((5, 5))
+    expected = out.copy()
+    for i in range(5):
+        for j in range(i + 1):
+            for k in range(7):
+                expected[i, j] += A[i, k] * F[j, k]
+            expected[j, i] = expected[i, j]
+    add_symmetric_product(A, F, out)
+    np.testing.assert_array_equal(out, expected)
 
 
 SHIFT = 0.03

@@ -71,6 +71,13 @@ def test_a_belief_is_resumed_as_it_is_given_and_predicts_pixels_by_it() -> None:
     point = filter.sight().point
     found = filter.update(detections_of(point["z_hat"], R_PAPER))
     np.testing.assert_array_equal(found, point["id"])  # at once: nothing was crowded
+    for mean, P_c in ((np.full(13, np.nan), P[:12, :12]), (camera, 0.1)):
+        with pytest.raises(ValueError, match="mean must be finite|covariance must be numbers"):
+            filter.place_camera(mean, P_c)
+    with pytest.raises(ValueError, match="covariance must be numbers of shape"):
+        filter.resume(camera, points, np.eye(15))
+    with pytest.raises(ValueError, match=f"points must be {filter.capacity} at most"):
+        filter.resume(camera, np.ones((filter.capacity + 1, 3)), P)
 
 
 def test_going_back_to_a_snapshot_stays_in_the_arrays_of_the_run_that_it_works_on() -> None:
@@ -154,8 +161,7 @@ def test_features_wander_as_their_view_changes(kind: int, nearer: float) -> None
         (lambda f: Filter(camera=np.zeros(13)), "camera must have a quaternion of length 1"),
         (lambda f: Filter(covariance=-np.eye(12)), "covariance must be symmetric, with no"),
         (lambda f: Filter(boxes=[[[1.0] * 3, [-1.0] * 3]]), "boxes must have a lowest"),
-        (lambda f: f.place_camera(np.full(13, np.nan), np.eye(12)), "mean must be finite"),
-        (lambda f: f.resume(f.mean, np.ones((41, 3)), np.eye(12)), "points must be 40 at most"),
+        (lambda f: f.add_landmark([1.0, 2.0], np.eye(3)), r"R must be .* \(2, 2\)"),
         (lambda f: f.resume(f.mean, [[0.0] * 3], np.eye(15)), "points must have positive inverse"),
         (lambda f: setattr(f, "expected_inverse_depth", (-1.0, 0.3)), "expected_inverse_depth must be"),
     ],

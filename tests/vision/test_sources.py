@@ -160,7 +160,8 @@ def video(path: Path, stamps: list[int]) -> Path:
     return path
 
 
-@pytest.mark.parametrize(("stamps", "stated"), [([500, 520, 540, 580, 620], False), ([0, 65, 66, 131, 132], True)])
+@pytest.mark.parametrize("stated", [True, False])
+@pytest.mark.parametrize("stamps", [[500, 520, 540, 580, 620], [0, 65, 66, 131, 132]])
 def test_a_video_has_its_own_times(stamps: list[int], stated: bool, tmp_path, capsys) -> None:
     path = video(tmp_path / "a.mkv", stamps)
     if not stated:  # the default duration of an image, four bytes, becomes void
@@ -189,7 +190,7 @@ PICTURES = {"images": "good", "columns": "9", "rows": "6", "out": "lens.out"}
 def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with one good sequence and many bad files."""
     home, image = tmp_path_factory.mktemp("bad"), image_from(path(1)[0], target=True, samples=2)
-    folders = {"good": [image] * 3, "resized": [image, image[:200]], "deep": [image.astype(np.uint16)]}
+    folders = {"good": [image] * 3, "resized": [image, image[:200]], "deep": [image.astype(np.uint16)], "empty": []}
     for name, pictures in folders.items():
         (home / name).mkdir()
         for k, picture in enumerate(pictures):
@@ -216,7 +217,9 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
 TABLE = [
     ("track", {"images": "codec.avi"}, "codec.avi cannot be read as a video"),
     ("track", {"images": "hollow"}, "hollow/0.png cannot be read as a picture"),
+    ("track", {"images": "empty"}, "the folder empty holds no picture"),
     ("track", {"images": "none.mp4"}, "there is no none.mp4"),
+    ("track", {"images": "no*.png"}, "nothing matches the pattern no*.png"),
     ("track", {"images": "deep"}, "8 bits a channel are needed"),
     ("calibrate", {"images": "resized"}, "1.png is of 320 x 200 pixels"),
     ("track", {"calibration": "other.json"}, "of images of 640 x 240 pixels, got 320 x 240"),
@@ -230,6 +233,7 @@ TABLE = [
     ("track", {"times": "none.txt"}, "--times: none.txt: No such file"),
     ("track", {"rate": "0"}, "rate must be a positive number"),
     ("track", {"out": "lens.json"}, "'lens.json' is no folder to write to"),
+    ("calibrate", {}, "was found in 0 pictures"),
     ("calibrate", {"images": "rare"}, "was found in 0 pictures"),
 ]
 """(command, options that are wrong, what is said)."""

@@ -116,6 +116,8 @@ def test_what_does_not_go_with_a_scene_is_an_error() -> None:
     full = type("Full", (SphereScene,), {"clearance": lambda self, p, *_: np.zeros(len(p))})
     with pytest.raises(RuntimeError, match="Full"):
         draw_room(Scenario(scene=full), np.random.default_rng(0))
+    with pytest.raises(ValueError, match=r"scenario.scene must be one of boxes.*'unheard'"):
+        gym.make("ActiveSLAM-v0", scenario={"scene": "unheard"})
     with pytest.raises(ValueError, match="scenario.boxes must be"):
         Scenario(scene=SphereScene, boxes=(BOX,))  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="clutter_rate must be 0"):

@@ -56,8 +56,10 @@ def test_landmarks_are_uniform_in_the_room() -> None:
     np.testing.assert_allclose(points.mean(axis=0), 0.0, atol=0.15)
 
 
-def test_fiducials_are_near_and_the_start_is_drawn_from_the_prior() -> None:
+def test_fiducials_are_in_the_first_image_and_the_start_is_drawn_from_the_prior() -> None:
     for truth in (world(seed=seed) for seed in range(5)):
+        pixels = np.array([pixel_of(CAMERA, truth.state.camera, y) for y in truth.fiducials])
+        assert (0.0 < pixels).all() and (pixels < (320.0, 240.0)).all()
         assert (np.linalg.norm(truth.fiducials - truth.state.camera[:3], axis=1) < 3.0).all()
     centre = np.array((0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
     starts = np.array([draw_start(PAPER, np.random.default_rng(seed), centre) for seed in range(400)])

@@ -157,7 +157,7 @@ class PythonPerception(Perception):
         matched = asked(f"update() of {of}", lambda: self._estimator.update(measurements))
         found["match"] = array_of(f"what update() of {of} returns", matched, (len(values),), int)
         events = run.episode.events
-        if isinstance(self._estimator, Ekf):  # which tells what another one does not
+        if isinstance(self._estimator, Ekf):  # which counts what another one does not
             for name in ("conversions", "restarts", "rejected_matches"):
                 events[name] += self._estimator.counts[name]
                 self._estimator.counts[name] = 0

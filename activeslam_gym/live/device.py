@@ -165,7 +165,7 @@ class Device(RealCamera):
         from websockets.protocol import OPEN
 
         before, self._filming, zero = self._filming, connection, None
-        if before is not None:  # which may have left long ago: nobody waits for its answer
+        if before is not None:  # which may have left long ago: its answer is not awaited
             self._closing = asyncio.create_task(before.close(1000, "Another device films now."))
         try:
             async for message in connection:

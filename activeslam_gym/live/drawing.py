@@ -51,7 +51,7 @@ def title(text: str, unit: str) -> str:
 
 
 class Advice(NamedTuple):
-    """What the page tells the person to do."""
+    """What the page advises the person to do."""
 
     motion: Motion
     words: str

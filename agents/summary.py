@@ -96,7 +96,9 @@ def aggregate(values: ArrayLike, statistic: Statistic) -> Aggregate:
     value: Any = np.mean(episodes)
     low, high = np.nan, np.nan
     if statistic == "share":
-        low, high = binomtest(int(episodes.sum()), len(episodes)).proportion_ci(CONFIDENCE)
+        fewest, most = (int(rounded(episodes.sum())) for rounded in (np.floor, np.ceil))  # of ties, which are halves
+        low = binomtest(fewest, len(episodes)).proportion_ci(CONFIDENCE).low
+        high = binomtest(most, len(episodes)).proportion_ci(CONFIDENCE).high
     elif statistic == "median":
         value, (low, high) = np.median(episodes), quantile_test(episodes, p=0.5).confidence_interval(CONFIDENCE)
     elif statistic == "IQM":
@@ -143,7 +145,7 @@ ERRORS = (
 HEADLINE = (*RESULTS[:2], RESULTS[-1], ERRORS[0])  # what the README shows of each policy
 PAIRED = (
     RESULTS[0],
-    Column("ahead", "ahead, % of episodes", "share", 100.0),
+    Column("ahead", "ahead (a tie is half), % of episodes", "share", 100.0),
     *RESULTS[3:5],
     Column("landmark_rmse", "RMSE of landmarks mapped by both, cm", scale=100.0),
     *ERRORS[1:],
@@ -262,7 +264,12 @@ def _difference(row: Row, other: Row) -> dict[str, float]:
     """Column → one − other, in one episode."""
     rmse, other_rmse = paired_rmse(row["landmark_errors"], other["landmark_errors"])
     apart = {one.source: row[one.source] - other[one.source] for one in PAIRED if one.source in row}
-    return apart | {"landmark_rmse": rmse - other_rmse, "ahead": float(apart["log_score_gain"] > 0.0)}
+    return apart | {"landmark_rmse": rmse - other_rmse, "ahead": float(ahead(apart["log_score_gain"]))}
+
+
+def ahead(leads: ArrayLike) -> Array:
+    """1 for each lead over another policy in the same episode, 0 for a lead of the other, and a half for a tie."""
+    return np.asarray(0.5 * (1.0 + np.sign(leads)))
 
 
 def paired_rmse(errors: ArrayLike, others: ArrayLike) -> tuple[float, float]:

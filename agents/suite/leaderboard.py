@@ -18,7 +18,7 @@ from agents.figures import grid_of_panels, legend_below, save_figure
 from agents.suite import enter
 from agents.suite.enter import Entry
 from agents.suite.manifest import Suite, suite
-from agents.summary import FEWEST, RESAMPLES, TAILS, Aggregate, aggregate, interquartile_mean
+from agents.summary import FEWEST, RESAMPLES, TAILS, Aggregate, aggregate, ahead, interquartile_mean
 from agents.tools.arguments import Pages, command_line
 from agents.tools.files import write_csv
 from agents.tools.sections import Table, provenance, put_section
@@ -120,7 +120,7 @@ def compared(of: Suite, found: Sequence[Entry]) -> list[Result]:
             entry,
             failures(failed.astype(float)),
             bootstrapped(gains / units[:, None, None], interquartile_mean),
-            bootstrapped(0.5 * (1.0 + np.sign(leads)), mean),  # ties are halves
+            bootstrapped(ahead(leads), mean),
             dict(zip(of.scenarios, map(InScenario, scores, lead, failed.mean(axis=(1, 2)).tolist()))),
         )
 

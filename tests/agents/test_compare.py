@@ -77,9 +77,18 @@ def test_differences_are_within_rooms_against_the_reference_and_the_highest_log_
     difference = summary.paired["mi-fisher"]["stay"]["bits"]
     assert (difference.value, difference.low, difference.high, difference.episodes) == (-1.0, -1.0, -1.0, 8)
     assert summary.paired["mi-fisher"]["stay"]["ahead"].value == 0.0
-    assert summary.paired["mi-fisher"]["ahead"]["ahead"].value == 0.75  # the last two rooms are draws
+    assert summary.paired["mi-fisher"]["ahead"]["ahead"].value == 0.875  # the last two rooms are ties
     assert summary.policies["stay"]["bits"].value == 35.0
     assert list(summary.paired) == ["mi-fisher", "ahead"]
+
+
+def test_a_tie_counts_for_neither_policy() -> None:
+    """Two policies of equal scores were both significantly behind."""
+    summary = summarise([episode(name, seed, 10.0 * seed) for name in ("stay", "mi-fisher") for seed in range(8)])
+    ahead = summary.paired["mi-fisher"]["stay"]["ahead"]
+    assert ahead.value == 0.5 and ahead.low < 0.2 and ahead.high > 0.8
+    three, half, four = (aggregate([1.0] * 3 + [tie] + [0.0] * 3, "share") for tie in (0.0, 0.5, 1.0))
+    assert (half.low, half.value, half.high) == (three.low, 0.5, four.high)
 
 
 def test_an_interrupted_write_leaves_the_old_file_and_json_has_nulls(tmp_path: Path) -> None:

@@ -26,7 +26,8 @@ FEW_EPISODES = 20  # with fewer episodes a report says that its intervals are a 
 MISSING = "–"  # stands for a figure that no episode gave
 LEGEND = (
     f"[ ]: {CONFIDENCE:.0%} interval over episodes: of a share, Clopper and Pearson's; from {FEWEST} episodes on, of a "
-    "median by order statistics, of an interquartile mean (IQM, over the middle half) by the bootstrap."
+    "median by order statistics, of an interquartile mean (IQM, over the middle half) by the bootstrap. ( ): the "
+    "number of episodes with such a figure, if not all; without a mapped landmark there is no RMSE."
 )
 """Explains the brackets."""
 
@@ -217,13 +218,10 @@ def tables(summary: Summary) -> list[Table]:
     """All tables of the comparison."""
     figures = summary.policies
     star = "*" if min(f["bits"].episodes for f in figures.values()) < FEW_EPISODES else ""
-    result = [
-        _table(f"Results{star}", figures, RESULTS),
-        _table(f"Errors at the end{star}", figures, ERRORS),
-    ]
+    parts = {f"Results{star}": (figures, RESULTS), f"Errors at the end{star}": (figures, ERRORS)}
     for against, differences in summary.paired.items():
-        result.append(_table(f"Difference to {against} in the same episodes{star}", differences, PAIRED))
-    return result
+        parts[f"Difference to {against} in the same episodes{star}"] = differences, PAIRED
+    return [_table(title, *part) for title, part in parts.items()]
 
 
 def text(summary: Summary) -> str:
@@ -244,12 +242,13 @@ def headline(summary: Summary) -> str:
 
 
 def _table(title: str, figures: Mapping[str, Figures], columns: Sequence[Column]) -> Table:
-    """A row per policy, a column per figure, and the number of episodes."""
+    """A row per policy, a column per figure, and the number of episodes; a figure of fewer shows their number."""
     header = ["policy", *(column.heading for column in columns), "episodes"]
-    rows = [
-        [name, *(one.text(row[one.key]) for one in columns), str(row[columns[0].key].episodes)]
-        for name, row in figures.items()
-    ]
+    rows = []
+    for name, row in figures.items():
+        most = max(one.episodes for one in row.values())
+        fewer = (f" ({row[one.key].episodes})" if 0 < row[one.key].episodes < most else "" for one in columns)
+        rows.append([name, *(one.text(row[one.key]) + note for one, note in zip(columns, fewer)), str(most)])
     return Table(title, header, rows)
 
 

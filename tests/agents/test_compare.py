@@ -23,7 +23,7 @@ from agents import task as tasks
 from agents.__main__ import main
 from agents.compare import Args, compare
 from agents.suite.enter import _beside
-from agents.summary import Aggregate, aggregate, paired_rmse, summarise
+from agents.summary import Aggregate, aggregate, headline, paired_rmse, summarise, tables
 from agents.task import Task, check, play_tasks
 from agents.tools.files import write_csv, write_json
 from tests.support import until
@@ -89,6 +89,14 @@ def test_a_tie_counts_for_neither_policy() -> None:
     assert ahead.value == 0.5 and ahead.low < 0.2 and ahead.high > 0.8
     three, half, four = (aggregate([1.0] * 3 + [tie] + [0.0] * 3, "share") for tie in (0.0, 0.5, 1.0))
     assert (half.low, half.value, half.high) == (three.low, 0.5, four.high)
+
+
+def test_a_figure_of_fewer_episodes_than_the_others_shows_their_number() -> None:
+    """The column `episodes` was the count of the first column alone."""
+    runs = [episode("stay", seed, landmark_rmse=np.full(5, 0.03 if seed else np.nan)) for seed in range(8)]
+    for line in (tables(summarise(runs, "stay"))[1].markdown(), headline(summarise(runs, "stay"))):
+        (row,) = [row for row in line.splitlines() if row.startswith("| stay")]
+        assert "3.0 [3.0, 3.0] (7) |" in row and row.endswith("| 8 |") and row.count("(") == 1
 
 
 def test_an_interrupted_write_leaves_the_old_file_and_json_has_nulls(tmp_path: Path) -> None:

@@ -65,16 +65,22 @@ class Args(Workers, Times, Pages):
 def main(args: Args) -> int:
     """Compare in each scenario, and print; the exit status, 130 when interrupted.
 
-    Raises ValueError for an unknown policy or a bad argument, before any episode.
+    Raises ValueError for an unknown policy or a bad argument, before any episode; for episodes that fail, at the end.
     """
     names = list(dict.fromkeys(args.scenario))
     parts = [replace(args, scenario=(one,), out=args.out / file_name(one)) for one in names] if names[1:] else [args]
     args.check_pages("compare", "headline")
     writable_folder("out", args.out)
     check(task for part in parts for task in part.tasks())
+    failed: dict[str, Exception] = {}
     for part in parts:
         print(f"{part.scenario[0]}: {', '.join(part.names)}; {part.episodes} episodes each.", flush=True)
-        if (summary := compare(part)) is None:
+        try:
+            summary = compare(part)
+        except (ValueError, ChildProcessError) as error:  # it is told when the other scenarios are over
+            failed[part.scenario[0]] = error
+            continue
+        if summary is None:
             print("Interrupted before the first episode was over: nothing to show.")
             return 130
         written = ", ".join(["episodes.csv", *(FIGURES if part.draws else ()), "summary.json", "summary.md"])
@@ -82,6 +88,8 @@ def main(args: Args) -> int:
         print(f"All tables (errors, paired differences): {part.out}/summary.md")
         if not summary.settings["complete"]:
             return 130
+    if failed:
+        raise ValueError("; ".join(f"{scenario}: {error}" for scenario, error in failed.items()))
     return 0
 
 

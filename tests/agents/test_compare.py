@@ -162,9 +162,32 @@ class Ends:
         self.end = end
     def predict(self, *arguments, **named):
         self.end(0)
+class Fails:
+    steps = 0
+    def predict(self, observation, state=None, *arguments, **named):
+        self.steps += 1
+        if self.steps > 2:
+            raise RuntimeError("in the middle")
+        return (0, 1), state
+def fails(env): return Fails()
 def leaves(env): return Ends(sys.exit)
 def ends(env): return Ends(os._exit)
 """
+
+
+def test_a_scenario_in_which_a_policy_fails_keeps_no_other_from_being_played(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "own_failing.py").write_text(OWN)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    line = "compare --policies stay own_failing:fails --scenario paper office --episodes 1 --duration 1 --jobs 1"
+    assert main([*line.split(), "--reference", "stay", "--no-figures", "--out", "out"]) == 2
+    for scenario in ("paper", "office"):
+        rows = list(csv.DictReader((tmp_path / "out" / scenario / "episodes.csv").open()))
+        assert [row["policy"] for row in rows] == ["stay"]
+    said = capsys.readouterr().err
+    assert "paper: " in said and "office: " in said and said.count("RuntimeError: in the middle") == 2
 
 
 @pytest.mark.parametrize("how", ["leaves", "ends"])

@@ -55,6 +55,17 @@ def test_consistency_fills_its_page_and_plays_no_episode_twice(tmp_path: Path, m
     assert [row["variant"] for row in table] == variants and float(table[0]["landmark_nees_35s"]) > 0.0
 
 
+def test_the_interval_of_a_consistent_filters_nees_holds_1() -> None:
+    """A grey band, of 3 degrees of freedom an episode, held 99 of 100 means of the pose and all of landmarks."""
+    rng, shape = np.random.default_rng(0), (150, 100)  # studies, episodes
+    camera = rng.standard_normal((*shape, 2, 3))  # errors in standard deviations
+    camera[:, :, 1] = 0.6 * camera[:, :, 0] + 0.8 * camera[:, :, 1]  # position and orientation are correlated
+    landmarks = 0.5 * camera[:, :, :1] + np.sqrt(0.75) * rng.standard_normal((*shape, 20, 3))
+    for errors in (camera, landmarks):
+        means = [consistency.mean(nees) for nees in np.mean(errors**2, axis=(2, 3))]
+        assert 0.88 < np.mean([one.low <= 1.0 <= one.high for one in means]) < 0.99
+
+
 def test_a_scenario_with_a_part_of_ones_own_is_named_in_settings(monkeypatch: pytest.MonkeyPatch) -> None:
     """The object of the part was no JSON: a traceback."""
     monkeypatch.setitem(SCENARIOS, "own", Scenario(name="own", sensor=RangeSensor))

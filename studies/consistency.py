@@ -69,7 +69,7 @@ def line_of(policy: str, variant: str, runs: Sequence[Episode]) -> dict[str, Any
         **{"reset": int(sum(run.events["restarts"].any() for run in runs)), "wrong_matches": wrong_matches(runs)},
         **{"log_score_median": float(np.median(gain)), "log_score_under_0": int((gain < 0.0).sum())},
         **{
-            f"{x}_{t:g}s": mean(np.array([getattr(run, x)[k] for run in runs])).value
+            f"{x}_{t:g}s": aggregate([getattr(run, x)[k] for run in runs], "mean").value
             for t, k in at.items()
             for x in NEES
         },

@@ -45,7 +45,8 @@ class Task:
 
     @property
     def group(self) -> Any:
-        return self.policy, self.settings, self.whole, self.measures
+        own = policies.holds_code(self.policy) and self.seed  # a user's policy may act in one environment alone
+        return self.policy, self.settings, self.whole, self.measures, own
 
     @property
     def key(self) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from agents.learn.recipe import trained_scenario
 from agents.summary import aggregate
 from examples.extend_range_sensor import RangeSensor
 from studies import consistency, measures, paper, settings_of
+from studies import tasks as tasks_of
 from studies.removals import REMOVALS
 from studies.worth import compared
 from tests.agents.test_compare import episode
@@ -64,6 +65,17 @@ def test_the_interval_of_a_consistent_filters_nees_holds_1() -> None:
     for errors in (camera, landmarks):
         means = [consistency.mean(nees) for nees in np.mean(errors**2, axis=(2, 3))]
         assert 0.88 < np.mean([one.low <= 1.0 <= one.high for one in means]) < 0.99
+
+
+def test_a_policy_for_one_environment_is_played_in_one_at_a_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A study played it in a batch, for which it has no actions."""
+    (tmp_path / "own_single.py").write_text("def slide(env): return 3, 1\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    args = consistency.Args(policies=("own_single:slide",), episodes=2, scenario='{"duration": 2.0}')
+    (runs,) = args.played({"": tasks_of("own_single:slide", settings_of(args.scenario), args.seed, 2)}).values()
+    assert [run.actions.tolist() for run in runs] == [[[3, 1]] * 8] * 2
 
 
 def test_a_scenario_with_a_part_of_ones_own_is_named_in_settings(monkeypatch: pytest.MonkeyPatch) -> None:

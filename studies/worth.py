@@ -72,7 +72,8 @@ def episodes(args: Args, scenario: str, checkout: Path, out: Path) -> list[dict[
     numbers |= {"cluster": args.cluster} if args.cluster else {}
     given = [f"--{name}={value}" for name, value in (numbers | {"scenario": scenario, "out": out.resolve()}).items()]
     command = [sys.executable, "-m", "agents", "compare", "--resume", "--no-figures", *given, "--policies"]
-    subprocess.run([*command, *args.policies], env={**os.environ, "OMP_NUM_THREADS": "1"}, cwd=checkout, check=True)
+    if subprocess.run([*command, *args.policies], env={**os.environ, "OMP_NUM_THREADS": "1"}, cwd=checkout).returncode:
+        raise ValueError(f"scenarios: {scenario!r} was not played by {str(checkout)!r}; its message stands above")
     with (out / "episodes.csv").open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
 
@@ -131,6 +132,9 @@ def main(args: Args) -> None:
         return
     if unknown := set(args.rows) - REMOVALS.keys():
         raise ValueError(f"rows: {', '.join(sorted(unknown))}; allowed: {', '.join(REMOVALS)}")
+    for one in args.checkouts:
+        if "=" not in one or not Path(one.split("=", 1)[1]).is_dir():
+            raise ValueError(f"checkouts: {one!r}; allowed: NAME=FOLDER")
     checkouts = {name: Path(path).resolve() for name, path in (one.split("=", 1) for one in args.checkouts)}
     rows = tuple(dict.fromkeys(("base", *args.rows, *checkouts)))
     folders = {row: checkouts.get(row) or build(row, args.out / "builds").resolve() for row in rows}

@@ -22,7 +22,7 @@ from agents import task as tasks
 from agents.learn.recipe import trained_scenario
 from agents.summary import aggregate
 from examples.extend_range_sensor import RangeSensor
-from studies import consistency, measures, paper, settings_of
+from studies import consistency, measures, paper, settings_of, worth
 from studies import tasks as tasks_of
 from studies.removals import REMOVALS
 from studies.worth import compared
@@ -76,6 +76,20 @@ def test_a_policy_for_one_environment_is_played_in_one_at_a_time(
     args = consistency.Args(policies=("own_single:slide",), episodes=2, scenario='{"duration": 2.0}')
     (runs,) = args.played({"": tasks_of("own_single:slide", settings_of(args.scenario), args.seed, 2)}).values()
     assert [run.actions.tolist() for run in runs] == [[[3, 1]] * 8] * 2
+
+
+@pytest.mark.parametrize("given", ["earlier", "earlier=nowhere"])
+def test_a_checkout_that_is_none_is_named(given: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(worth, "build", lambda *_: pytest.fail("began"))
+    with pytest.raises(ValueError, match=f"checkouts: '{given}'; allowed: NAME=FOLDER"):
+        worth.main(worth.Args(checkouts=(given,)))
+
+
+def test_a_scenario_that_cannot_be_played_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was a traceback."""
+    monkeypatch.setattr(worth.sys, "executable", "false")
+    with pytest.raises(ValueError, match="'nowhere'"):
+        worth.episodes(worth.Args(), "nowhere", tmp_path, tmp_path)
 
 
 def test_a_scenario_with_a_part_of_ones_own_is_named_in_settings(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,8 +8,9 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
+from inspect import formatannotation
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_origin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,6 @@ EPISODES = "episodes"  # folder of the store, beside those of entries
 VERSIONS = ("activeslam-gym", *LIBRARIES)
 COST = ("command", "scenario", "seed", "total_steps", "seconds", "steps_trained", "seconds_trained", "machine")
 """What an entry has of the cards of its weights."""
-TUPLES = ("policies", "contents", "training")
 
 
 @dataclass(frozen=True)
@@ -236,14 +236,18 @@ def read(path: Path) -> Entry:
         given = json.loads(text_of(path, 2**26))
         if wrong := sorted({field.name for field in fields(Entry)} ^ given.keys()):
             raise ValueError(f"missing or unknown: {', '.join(wrong)}")
-        values: dict[str, Any] = {name: tuple(value) if name in TUPLES else value for name, value in given.items()}
+        for field in fields(Entry):
+            if not _is(given[field.name], field.type):
+                allowed = formatannotation(field.type)
+                raise ValueError(f"{field.name}: {str(given[field.name])[:80]}; allowed: {allowed}")
+        values: dict[str, Any] = {name: tuple(one) if isinstance(one, list) else one for name, one in given.items()}
         entry = Entry(**values)
         check_name(entry.name)
         count, tables = len(entry.policies), [np.array(list(one.values())) for one in (entry.scores, entry.lost)]
-        sizes, numbers = {one.shape for one in tables}, all(one.dtype.kind in "if" for one in tables)
+        sizes = {one.shape for one in tables}
         if entry.scores.keys() != entry.lost.keys() or sizes != {(len(entry.scores), count, entry.episodes)}:
             raise ValueError(f"scores and lost are of {count} policies, and of the shapes {sizes}")
-        if not numbers or not np.isfinite(tables[0]).all() or not np.isin(tables[1], (0, 1)).all():
+        if not np.isfinite(tables[0]).all() or not np.isin(tables[1], (0, 1)).all():
             raise ValueError("scores must be finite numbers, and lost 0 or 1")
         files = [one for one, name in zip(entry.contents, entry.policies) if name.endswith(policies.FILES)]
         if len(entry.contents) != count or len(set(files)) < len(files):
@@ -251,3 +255,12 @@ def read(path: Path) -> Entry:
         if len(entry.training) != sum(name.endswith(".npz") for name in entry.policies):
             raise ValueError(f"training: {len(entry.training)}; allowed: one of each policy in a file of weights")
         return entry
+
+
+def _is(value: Any, kind: Any) -> bool:
+    """Whether a value of JSON, with all its parts, is of the type of a field."""
+    if get_origin(kind) is dict:
+        return isinstance(value, dict) and all(_is(part, get_args(kind)[1]) for part in value.values())
+    if get_origin(kind):
+        return isinstance(value, list) and all(_is(part, get_args(kind)[0]) for part in value)
+    return kind is Any or (isinstance(value, (int, float) if kind is float else kind) and not isinstance(value, bool))

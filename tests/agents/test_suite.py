@@ -150,7 +150,11 @@ def test_edited_scores_and_hashes_are_found(entered: Path, edited: Callable[...,
         assert message in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(("field", "value"), [("name", "a|b"), ("scores", {"paper": [[1.0, float("nan")]]})])
+@pytest.mark.parametrize(("field", "value"), [
+    ("name", "a|b"), ("scores", {"paper": [[1.0, float("nan")]]}), ("scores", {"paper": [["1", 2.0]]}), ("scores", [1]),
+    ("machine", 7), ("versions", []), ("versions", {"numba": 1}), ("note", 3), ("behaviour", "24"), ("policies", [3]),
+    ("policies", "stay"), ("training", [3]), ("contents", None),
+])  # fmt: skip
 def test_a_damaged_entrys_file_is_named(field: str, value: Any, edited: Callable[..., Path], capsys: Any) -> None:
     entry = edited(**{field: value})
     of = ["--suite", str(entry.parents[1] / "small.json"), "--entries", str(entry.parents[1])]

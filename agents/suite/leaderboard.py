@@ -52,6 +52,8 @@ def main(args: Args) -> int:
         if entry.name != path.parent.name:
             raise ValueError(f"entries: {str(path)!r} is named {entry.name!r}; allowed: the name of its folder")
     found = [entry for entry in entries.values() if entry.suite == of.name]
+    for other in (one for one in entries.values() if one.suite != of.name):
+        print(f"Left out: {other.name}, which is of the suite {other.suite}.")
     for short in (one for one in found if one.episodes < count):
         print(f"Left out: {short.name}, which has {short.episodes} of {count} episodes.")
     found = [one.first(count) for one in found if one.episodes >= count]

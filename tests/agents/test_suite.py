@@ -237,14 +237,18 @@ def test_entries_that_cannot_be_compared_are_refused() -> None:
             leaderboard.compared(suite("development"), others)
 
 
-def test_the_leaderboard_is_made_from_a_folder(entered: Path, tmp_path: Path) -> None:
+def test_the_leaderboard_is_made_from_a_folder(entered: Path, tmp_path: Path, capsys: Any) -> None:
     page = tmp_path / "page.md"
     page.write_text("<!-- generated: leaderboard -->\n<!-- end: leaderboard -->\n")
     shutil.copytree(entered.parents[1], tmp_path / "of")
     name, copy = str(tmp_path / "of" / "small.json"), tmp_path / "of" / "stay" / "entry.json"
     copy.write_text(json.dumps(json.loads(copy.read_text()) | {"scores": {"paper": [[10.0, 20.0]]}}))
+    (tmp_path / "of" / "older").mkdir()
+    older = json.loads(copy.read_text()) | {"name": "older", "suite": "v2"}
+    (tmp_path / "of" / "older" / "entry.json").write_text(json.dumps(older))
     arguments = ["--suite", name, "--entries", str(tmp_path / "of"), "--report", str(page)]
     assert main(["leaderboard", *arguments]) == 0
+    assert "Left out: older, which is of the suite v2." in capsys.readouterr().out
     assert "| stay | 0.0 [" in page.read_text()
     assert main(["leaderboard", *arguments, "--episodes", "1"]) == 0 and "1 episodes each" in page.read_text()
     assert re.search(r"\| stay \| 10 ", page.read_text())  # of 10 and 20 the first

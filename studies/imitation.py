@@ -45,6 +45,7 @@ SHARPNESS = 2.0  # exponent of the teacher's probabilities
 EXPLORATION = 0.15  # share of decisions that are drawn by the student's probabilities, not its preferred ones
 BATCH, UPDATES, LAST_UPDATES = 512, 6, 800  # decisions of an update; updates after each step, and at the end
 CHOICES = [len(Motion), len(Gaze)]
+METHOD = "imitation of actors and critics (DAgger); reward, warm_start and lost_penalty_weight are those of initial"
 
 
 def logits(network: torch.nn.Module, inputs: torch.Tensor) -> tuple[torch.Tensor, ...]:
@@ -175,7 +176,7 @@ def main(args: Args) -> None:
         decisions = teach(teacher, student, env, recipe)
     seconds = round(time.monotonic() - begun, 1)
     card = card_of(asdict(recipe), decisions, seconds, 0) | {"command": command_line(args.command(), args)}
-    card |= {"actors": args.actors, "critics": args.critics, "chosen": "the last weights"}
+    card |= {"actors": args.actors, "critics": args.critics, "chosen": "the last weights", "method": METHOD}
     card |= {"steps_trained": decisions, "seconds_trained": seconds}
     path = args.out / WEIGHTS
     save(path, {name: value.numpy() for name, value in student.network.state_dict().items()}, card)

@@ -88,7 +88,7 @@ leaderboard: $(VENV)/.agents $(VENV)/.advice ## play the test episodes of the su
 	done
 	$(RUN) -m agents leaderboard $(PLAYED) --entries $(BOARD) --report docs/leaderboard.md README.md
 
-results: leaderboard ## every generated section of the pages and its pictures, at one commit (hours; the same command goes on)
+results: leaderboard ## the generated sections of the pages and their pictures, but for `curves` and studies.worth (hours; the same command goes on)
 	$(RUN) -m agents compare --policies $(POLICIES) --reference best-constant --episodes $(or $(EPISODES),200) --out results/compare --report RESULTS.md --resume $(ON)
 	$(RUN) -m docs.tables
 	$(MAKE) consistency figures $(if $(EPISODES),,bench)

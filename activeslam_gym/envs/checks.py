@@ -19,6 +19,7 @@ from activeslam_gym.envs.active_slam import ActiveSLAMEnv
 from activeslam_gym.envs.setting import scenario_with
 from activeslam_gym.motion import CAMERA_DIM, POSITION, QUATERNION
 from activeslam_gym.registry import array_of, asked, name_of, part_of
+from activeslam_gym.sensors.points import PointSensor
 from activeslam_gym.sensors.sensor import OWN_SENSORS, POINTS, measured, noise_of, seen_by
 from activeslam_gym.slam.belief import start_of
 from activeslam_gym.slam.estimate import EKF
@@ -26,6 +27,7 @@ from activeslam_gym.world.room import draw_scene
 
 RAYS = 300
 NEAR = 3e-3  # before and behind a surface [m]
+NEAR_PIXEL = 3.0  # between a prediction and the pixel of the lens, in the scenario's `pixel_std`
 GRAZING = 0.02  # share of rays that may graze a surface, where rounding decides
 STEPS = 20
 OVERCONFIDENT = 10.0  # times the expected normalised error squared
@@ -77,15 +79,16 @@ def check_sensor(sensor: Any, scenario: Given = "paper", seed: int = 0) -> None:
     """Check a sensor.
 
     Raises:
-        ValueError: it fails, answers in another form, or breaks a law: noise depends on the seed and the time alone; it
-            has the stated covariance; Jacobians are the numerical ones; what is measured is visible, and of what is
-            visible, and neither blocked nor missed, half or more is measured.
+        ValueError: it fails, answers in another form, or breaks a law: a prediction begins with the pixel of the lens;
+            noise depends on the seed and the time alone; it has the stated covariance; Jacobians are the numerical
+            ones; what is measured is visible; half or more of what is visible, not blocked and not missed is measured.
     """
     of = scenario_with(scenario, sensor=sensor)
     what, make = f"the sensor {name_of(of.sensor)!r}", part_of("sensor", of.sensor, OWN_SENSORS)
     if make is None:
         raise ValueError(f"{what} is the package's own; allowed: one of yours")
-    env = ActiveSLAMEnv(replace(of, sensor=POINTS, estimator=EKF), end_when_lost=False)
+    plain = replace(of, sensor=POINTS, estimator=EKF)
+    env, lens = ActiveSLAMEnv(plain, end_when_lost=False), PointSensor(plain, np.random.SeedSequence(seed))
     env.reset(seed=seed)
     first, twin = (asked(what, make, of, np.random.SeedSequence(seed)) for _ in range(2))
     noise = noise_of(what, first)
@@ -107,6 +110,9 @@ def check_sensor(sensor: Any, scenario: Given = "paper", seed: int = 0) -> None:
         missed += int((visible & ~truth.scene.blocks(truth.position, points)).sum())
         for value, label in zip(values[real], labels[real], strict=True):
             z, H_x, H_y = _predicted(first, what, camera, points[label], len(noise))
+            pixel, _, _ = lens.predict(camera, points[label])
+            near = (np.abs(z[:2] - pixel) <= NEAR_PIXEL * of.pixel_std).all()
+            _demand(near, what, f"predicts {z}, which does not begin with the pixel of the scenario's lens, {pixel}")
             squares.append((value - z) @ np.linalg.solve(noise, value - z))
             if rng.random() < 0.1:
                 _check_jacobians(first, what, camera, points[label], H_x, H_y)

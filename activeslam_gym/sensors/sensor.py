@@ -33,7 +33,7 @@ class Detections(NamedTuple):
 class Sensor(Protocol):
     """One run's sensor. ``Sensor(scenario, seed)`` makes one; ``seed`` is a `numpy.random.SeedSequence` of its own.
 
-    A measurement (d,) is (u, v, ...): its first two numbers are a pixel, by which the filter associates.
+    A measurement (d,) is (u, v, ...): a pixel of the scenario's lens, by which the filter associates, and more.
 
     `measure` alone reads the ground truth. Filter and planner use the other two and ``noise``. Where a sensor has an
     attribute ``boxes`` (B, 2, 3), those that are known to hide landmarks are written into it at each reset [m].

@@ -200,6 +200,13 @@ class Precise(RangeSensor):
         return Detections(values + (again.values - [self.predict(*seen(truth, k))[0] for k in labels]), labels)
 
 
+class Angles(RangeSensor):
+    def predict(self, camera: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        z, H_x, H_y = super().predict(camera, point)
+        scale = np.diag((0.005, 0.005, 1.0))  # [rad] of a pixel, about
+        return scale @ z, scale @ H_x, scale @ H_y
+
+
 def seen(truth: Any, label: int) -> tuple[np.ndarray, np.ndarray]:
     """The true camera, and the point of a label."""
     camera = np.concatenate((truth.position, truth.quaternion, truth.velocity, truth.angular_velocity))
@@ -209,6 +216,11 @@ def seen(truth: Any, label: int) -> tuple[np.ndarray, np.ndarray]:
 class Certain(Ekf):
     def reset(self, mean: np.ndarray, covariance: np.ndarray) -> None:
         super().reset(mean, 0.01 * covariance)
+
+
+def row_before_column(found: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    z, H_x, H_y = found
+    return z[::-1].copy(), H_x[::-1].copy(), H_y[::-1].copy()
 
 
 def at_random(found: Any) -> Detections:
@@ -240,6 +252,8 @@ LAWS: dict[str, tuple[Callable[[Any], None], type]] = {
     "from b to a|past their clearance": (checks.check_scene, OneWay),
     "before their clearance": (checks.check_scene, like(SphereScene, clearance=lambda x: np.minimum(x + 0.1, x.max()))),
     "on no surface": (checks.check_scene, like(SphereScene, sample=lambda found: (found[0], -found[1]))),
+    "pixel of the scenario's lens": (checks.check_sensor, Angles),
+    "the pixel of the scenario's lens": (checks.check_sensor, like(PointSensor, predict=row_before_column)),
     "Jacobians": (checks.check_sensor, like(RangeSensor, predict=lambda found: (*found[:2], -found[2]))),
     r"visible\(\) denies": (checks.check_sensor, Blind),
     r"that visible\(\) shows": (checks.check_sensor, like(Blind, visible=lambda seen: ~seen)),

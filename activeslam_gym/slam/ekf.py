@@ -186,6 +186,7 @@ def new_landmark(
     Its mean (6,): anchor, azimuth, elevation and inverse depth; the Jacobian of it by the camera's tangent (6, 12); and
     its covariance (6, 6) by measurement and prior. The last three numbers are those of the least squares of measurement
     and prior inverse depth, ``rho`` of deviation ``rho_std``: a pixel leaves the prior as it is, a range replaces it.
+    Where these have no solution, as where the sensor predicts nothing on the line of sight, the covariance is NaN.
     """
     weight = 1.0 / rho_std**2
 
@@ -196,7 +197,11 @@ def new_landmark(
         H_x[:, D_POSITION] += H_y  # the anchor is the camera's position
         H_s = H_y @ np.stack((depth * m[1], depth * m[2], -(depth**2) * m[0]), axis=1)
         G = np.linalg.solve(R, H_s).T
-        return value - z, H_x, G, np.linalg.inv(G @ H_s + np.diag((0.0, 0.0, weight)))
+        try:
+            C = np.linalg.inv(G @ H_s + np.diag((0.0, 0.0, weight)))
+        except np.linalg.LinAlgError:  # singular
+            C = np.full((3, 3), np.nan)
+        return value - z, H_x, G, C
 
     h = rotation_matrix(camera[QUATERNION]) @ ray_from_pixel(lens, value[:2])
     s = np.array((*angles_of(h, np.zeros((2, 3))), rho))
@@ -209,7 +214,7 @@ def new_landmark(
         off, _, G, C = at(s)
         s += C @ (G @ off + np.array((0.0, 0.0, weight * (rho - s[2]))))
         s[2] = max(s[2], MINIMUM_INVERSE_DEPTH)
-    off, H_x, G, C = at(s)
+    _, H_x, G, C = at(s)
     J, Q = np.zeros((6, CAMERA_DIM)), np.zeros((6, 6))
     J[:3, :3], J[3:, :POSE_DIM], Q[3:, 3:] = np.eye(3), -C @ G @ H_x, C
     return np.array((*camera[POSITION], *s)), J, Q

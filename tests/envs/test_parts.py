@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import baselines
-from activeslam_gym.config import DEPTH_PARTICLES, INVERSE_DEPTH, KNOWN, UNKNOWN
+from activeslam_gym.config import DEPTH_PARTICLES, INVERSE_DEPTH, KNOWN, UNKNOWN, Scenario
 from activeslam_gym.envs import checks
 from activeslam_gym.evaluation import Episode, run_episode
 from activeslam_gym.information import candidates
 from activeslam_gym.sensors.points import PointSensor
 from activeslam_gym.sensors.sensor import Detections
-from activeslam_gym.slam.ekf import Ekf
+from activeslam_gym.slam.ekf import Ekf, new_landmark
 from activeslam_gym.slam.estimate import Estimate
 from examples.extend_estimator import NumpyEkf
 from examples.extend_range_sensor import RangeSensor
@@ -246,6 +246,16 @@ def test_what_a_sensor_does_not_see_is_no_evidence_against_an_expected_landmark(
     env.motion_scores("net_information")
     np.testing.assert_array_equal(shown[0], visible(env.belief.camera, env.predicted_belief.points))
     assert env._run.expected["redraws"].any()
+
+
+def test_a_singular_initialisation_is_no_landmark() -> None:
+    """It was an error that named the estimator, where the sensor predicted nothing on the line of sight."""
+    stepped(sensor=like(PointSensor, predict=row_before_column))
+    sensor = like(PointSensor, predict=lambda found: (np.nan * found[0], 0.0 * found[1], 0.0 * found[2]))
+    camera, scenario = np.eye(1, 13, 3)[0], Scenario()
+    sensor = sensor(scenario, np.random.SeedSequence(0))
+    _, _, Q = new_landmark(sensor, sensor.lens, camera, np.array((100.0, 80.0)), sensor.noise, 0.5, 0.3)
+    assert np.isnan(Q[3:, 3:]).all()
 
 
 LAWS: dict[str, tuple[Callable[[Any], None], type]] = {

@@ -37,8 +37,8 @@ class Scene(Protocol):
         surface on which an end lies does not."""
 
     def clearance(self, p: np.ndarray, directions: np.ndarray, farthest: float) -> np.ndarray:
-        """(n,) how far points can go from ``p`` (n, 3) along the unit vectors ``directions`` (n, 3) before they meet a
-        body: ``farthest`` at most, and 0 inside of one [m]."""
+        """(n,) how far points can go from ``p`` (n, 3), in the room, along unit vectors ``directions`` (n, 3) before
+        they meet a body: ``farthest`` at most, and 0 inside of one [m]."""
 
     def sample(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """``n`` points (n, 3) [m] on surfaces, where landmarks are, and the unit normals (n, 3) out of the bodies."""
@@ -65,7 +65,7 @@ class BoxScene:
     def clearance(self, p: np.ndarray, directions: np.ndarray, farthest: float) -> np.ndarray:
         """To the first box or wall."""
         free = [first_hits(self.boxes, self.half, one, way[None])[0] for one, way in zip(p, directions, strict=True)]
-        return np.where(inside_any(p, self.boxes), 0.0, np.minimum(free, farthest))
+        return np.where(inside_any(p, self.boxes), 0.0, np.clip(free, 0.0, farthest))
 
     def sample(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Uniform on walls and boxes; see `furniture.surface_points`."""
@@ -91,9 +91,9 @@ class CheckedScene:
 
     def __init__(self, scenario: Scenario, scene: Scene) -> None:
         self._of, self._scene = f"of the scene {name_of(scenario.scene)!r}", scene
-        half, self.start = 0.5 * np.array(scenario.room_size), self._start if hasattr(scene, "start") else None
-        self._half, self._slack = half, _ROUNDING * max(1.0, half.max())
-        slack = self._slack
+        self._half = half = 0.5 * np.array(scenario.room_size)
+        self._slack = slack = _ROUNDING * max(1.0, half.max())
+        self.start = self._start if hasattr(scene, "start") else None
         self.bounds = low, high = self._answer("bounds", lambda: scene.bounds, (2, 3))
         if not ((-half - slack <= low) & (low < high) & (high <= half + slack)).all():
             room = f"its lowest and highest corner, inside of ±{half.tolist()}"
@@ -106,7 +106,8 @@ class CheckedScene:
     def clearance(self, p: np.ndarray, directions: np.ndarray, farthest: float) -> np.ndarray:
         """`Scene.clearance`."""
         asked_of = self._scene.clearance
-        free = self._answer("clearance()", lambda: asked_of(p.copy(), directions.copy(), farthest), (len(p),))
+        inside = np.clip(p, -self._half, self._half)  # rays beside a camera that touches a wall begin beyond it
+        free = self._answer("clearance()", lambda: asked_of(inside, directions.copy(), farthest), (len(p),))
         if not ((0.0 <= free) & (free <= farthest * (1.0 + _ROUNDING))).all():
             raise ValueError(f"clearance() {self._of} must return numbers from 0 to {farthest:g}, got {free!r}")
         return np.where(free < farthest * (1.0 - _ROUNDING), free, farthest)

@@ -10,6 +10,7 @@ import baselines
 from activeslam_gym import Gaze, Motion, Scenario
 from activeslam_gym.sensors.points import PointSensor
 from activeslam_gym.world.room import draw_room
+from activeslam_gym.world.scenes import BoxScene
 from activeslam_gym.world.simulator import faces
 from examples.extend_estimator import NumpyEkf
 from examples.extend_scene import SphereScene
@@ -92,6 +93,27 @@ def test_a_camera_thrown_at_the_sphere_is_stopped_and_counted_and_the_estimator_
                 assert spread[-1] > 3.0 * spread[-2]
         contacts += info["events"]["wall_contacts"]
     assert contacts > 0
+
+
+class Walled(BoxScene):
+    """An empty room, which is asked from places in the room alone."""
+
+    def __init__(self, scenario: Scenario, rng: np.random.Generator) -> None:
+        super().__init__(0.5 * np.array(scenario.room_size), np.zeros((0, 2, 3)))
+
+    def clearance(self, p: np.ndarray, directions: np.ndarray, farthest: float) -> np.ndarray:
+        assert (np.abs(p) <= self.half).all()
+        return super().clearance(p, directions, farthest)
+
+
+def test_a_camera_at_a_wall_without_a_margin_asks_a_scene_from_within_the_room() -> None:
+    """Rays beside the camera began beyond the wall, where the clearance was negative."""
+    env = made(Walled, wall_margin=0.0, goal_margin=0.0, acceleration_std=1.0)
+    env.reset(seed=1)
+    contacts = [env.step((Motion.UP, Gaze.STAY))[-1]["events"]["wall_contacts"] for _ in range(32)]
+    assert sum(contacts) > 0
+    scene, e = env.unwrapped.truth.scene._scene, np.eye(3)[:1]
+    assert BoxScene.clearance(scene, (scene.half[0] + 1e-4) * e, e, 3.0) == 0.0
 
 
 def test_the_stages_are_the_compiled_frame_to_the_bit() -> None:

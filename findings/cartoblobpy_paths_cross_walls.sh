@@ -5,7 +5,6 @@
 # wall that is one cell thick has edges from both sides. Nothing warns. The shortest path goes straight through the
 # wall, though the map has a door, and the library's `is_free_path` says that the way is blocked.
 # Law: a path through free cells exists in the free cells alone. Such a path is found without the other nodes.
-# Upstream: no public issue of cartoblobpy was found.
 # Walls of two cells or more are not crossed, but paths may end in them. `graph.remove_nodes_from` of the occupied cells
 # makes it right.
 # Prints nodes, paths and their lengths for walls of 0 to 3 cells, and fails if that changes.

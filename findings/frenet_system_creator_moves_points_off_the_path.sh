@@ -6,7 +6,6 @@
 # reported to be up to 44 m beside it, and the length along a lap jumps back and forth.
 # Law: a point of the path has the distance 0. `ds_frame2cartesian` undoes the conversion.
 # Documentation: scipy.optimize.minimize_scalar, "Bounded": it finds "a local minimum in the interval".
-# Upstream: no public issue of it was found.
 # Paths without a second minimum are right. `nearest_point` of the package finds the nearest vertex.
 # Prints the share of points that are far from where they are, for four paths, and fails if that changes.
 set -euo pipefail

@@ -29,17 +29,18 @@ def train(args: Args) -> bool:
     Nothing is written before all arguments are checked.
 
     Raises:
-        ValueError: as `Args.check`, a damaged checkpoint, a folder that holds a training with other arguments or one
-            that goes on, or weights that are no longer finite.
+        ValueError: as `Args.check` and `check_test`, a damaged checkpoint, a folder that holds a training with other
+            arguments or one that goes on, or weights that are no longer finite.
     """
     from agents.learn import learner as learners
-    from agents.learn.best_weights import BestWeights
+    from agents.learn.best_weights import BestWeights, check_test
     from agents.sb3 import EpisodeLog
 
     args.check()
     learners.require_device(args.device)
     if args.initial:
         args = replace(args, width=learners.initial_weights(args)[1]["width"])
+    check_test(args)
     env = learners.make_training(args)
     batches = learners.make_validation(args, args.validation_episodes)
     writable_folder("out", args.out)

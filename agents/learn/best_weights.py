@@ -5,7 +5,7 @@ import json
 import math
 import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
@@ -16,13 +16,14 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecEnv
 
-from activeslam_gym.config import benchmark_seed
+from activeslam_gym.config import IMAGE_SCENARIOS, benchmark_seed, fields_of
 from activeslam_gym.evaluation import Store
 from agents import task
 from agents.learn.learner import dimensions, save_learner, weights_of
 from agents.learn.recipe import CHECKPOINT, CURVE, WEIGHTS, Args, Recipe, trained_scenario
 from agents.learn.weights import FLOOR, card_of, read_card, save
 from agents.summary import Summary, interquartile_mean, summarise, text
+from agents.tools.arguments import scenario_argument
 from agents.tools.files import reading, write_json
 
 LAST_ENTROPY = 0.1  # the entropy bonus's last value, relative to its first
@@ -191,23 +192,31 @@ def _last_visit(curve: Path, scenarios: int) -> int:
     return max((decisions for decisions, count in rows.items() if count >= scenarios), default=0)
 
 
-def results(
-    weights: Path, episodes: int, recipe: Recipe, scenario: str, references: tuple[str, ...] = REFERENCES
-) -> tuple[dict[str, Any], Summary]:
-    """Figures of the weights and of references in the same episodes for a card, with their intervals; and the summary.
+def check_test(args: Args) -> None:
+    """Raise ValueError where test episodes could not be played at the end: a policy takes a step in each scenario."""
+    if args.test_episodes:
+        names = REFERENCES if len(args.scenarios) == 1 else ("stay",)
+        task.check([one for scenario in args.scenarios for one in _test(args, scenario, names, 1)])
 
-    The episodes are of neither training, nor the choice of weights, nor a benchmark.
-    """
-    first = benchmark_seed(scenario, validation=True) + 250_000
-    given = {"scenario": asdict(trained_scenario(scenario)), "duration": recipe.duration}
+
+def _test(recipe: Recipe, scenario: str, policies: Sequence[str], episodes: int) -> list[task.Task]:
+    """The test episodes of policies, which are of neither training, nor the choice of weights, nor a benchmark."""
+    named = fields_of(trained_scenario(scenario)) if scenario in IMAGE_SCENARIOS else scenario_argument(scenario)
+    given = {"scenario": named, "duration": recipe.duration}
     with closing(task.make_environment(given)) as env:
         own = recipe.decision_period / env.unwrapped.gaze_period
     if own < 1.0 or abs(own - round(own)) > 1e-6:  # the policy cannot hold its decisions in whole steps
         given["gaze_period"] = recipe.decision_period
-    settings = json.dumps(given)
-    names, seeds = (str(weights), *references), range(first, first + episodes)
-    tasks = [task.Task(name, seed, settings) for name in names for seed in seeds]
+    settings, first = json.dumps(given), benchmark_seed(scenario, validation=True) + 250_000
+    return [task.Task(policy, seed, settings) for policy in policies for seed in range(first, first + episodes)]
+
+
+def results(
+    weights: Path, episodes: int, recipe: Recipe, scenario: str, references: tuple[str, ...] = REFERENCES
+) -> tuple[dict[str, Any], Summary]:
+    """Figures of the weights and of references in the same test episodes, with their intervals, and the summary."""
+    tasks = _test(recipe, scenario, (str(weights), *references), episodes)
     summary = summarise([episode for _, episode in task.results(tasks, Store())])
     figures = {name: {column: asdict(one[column]) for column in COLUMNS} for name, one in summary.policies.items()}
     own = figures.pop(str(weights))
-    return {"first_seed": first, "episodes": own["bits"]["episodes"], **own, "references": figures}, summary
+    return {"first_seed": tasks[0].seed, "episodes": own["bits"]["episodes"], **own, "references": figures}, summary

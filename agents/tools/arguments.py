@@ -3,12 +3,12 @@
 import json
 import os
 import shlex
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from activeslam_gym.config import ASKED, scenario_from
+from activeslam_gym.config import ASKED, fields_of, scenario_from
 from agents.tools.files import reading
 from agents.tools.sections import page_with
 
@@ -107,7 +107,7 @@ def scenario_argument(text: str) -> str | dict[str, Any]:
         with reading(Path(text)):
             given = Path(text).read_text(encoding="utf-8")
     elif not text.lstrip().startswith("{"):
-        return text if text in ASKED or ":" in text else asdict(scenario_from(text))  # one that this process added
+        return text if text in ASKED or ":" in text else fields_of(scenario_from(text))  # one that this process added
     try:
         if not isinstance(fields := json.loads(given), dict):
             raise ValueError(type(fields).__name__)

@@ -6,6 +6,7 @@ import json
 import pickle
 import shutil
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -27,13 +28,16 @@ from stable_baselines3 import PPO
 
 from agents import policies, task
 from agents.__main__ import main
+from agents.learn import best_weights
 from agents.learn import learner as learners
+from agents.learn.best_weights import BestWeights
 from agents.learn.inputs import Inputs, common_size
 from agents.learn.learner import save_learner, weights_of
 from agents.learn.policy import SetEncoder, network_of
 from agents.learn.recipe import Recipe
 from agents.learn.weights import SHIPPED, read, read_card, save, shipped
 from agents.train import CHECKPOINT, Args, train
+from examples.extend_range_sensor import RangeSensor
 from studies import imitation
 
 SMALL: dict[str, Any] = {"num_envs": 2, "width": 16, "period": 280, "validation_episodes": 2, "test_episodes": 0}
@@ -97,6 +101,23 @@ def test_training_leaves_weights_card_and_checkpoint_and_goes_on(trained: Path) 
         train(Args(out=trained, total_steps=80, **(SMALL | {"validation_episodes": 3})))
 
 
+def test_a_scenario_with_parts_of_ones_own_is_trained_and_tested(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The card of a finished training failed: objects of the scenario are no JSON."""
+    monkeypatch.setattr(best_weights, "REFERENCES", ("stay",))
+    monkeypatch.setitem(config.SCENARIOS, "own", config.Scenario(name="own", sensor=RangeSensor))
+    small = SMALL | {"duration": 1.0, "total_steps": 8, "validation_episodes": 1, "test_episodes": 1}
+    for folder, name in (("a", "own"), ("b", "examples.extend_range_sensor:own")):
+        assert train(Args(out=tmp_path / folder, scenario=name, **small))
+        assert set(read_card(tmp_path / folder / "policy.npz")["results"]["references"]) == {"stay"}
+    nameless = config.Scenario(name="nameless", sensor=partial(RangeSensor))
+    monkeypatch.setitem(config.SCENARIOS, "nameless", nameless)
+    with pytest.raises(ValueError, match="sensor"):
+        train(Args(out=tmp_path / "nameless", scenario="nameless", **small))
+    assert not (tmp_path / "nameless").exists()
+
+
 def test_the_same_seed_trains_the_same_weights(tmp_path: Path) -> None:
     for name in "ab":
         train(Args(out=tmp_path / name, total_steps=40, seed=3, **SMALL))
@@ -138,8 +159,6 @@ def test_every_algorithm_has_its_actions_and_acts_on_all(tmp_path: Path, algorit
 
 
 def test_an_interrupted_training_leaves_weights_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from agents.learn.best_weights import BestWeights
-
     def interrupt(self: BestWeights) -> bool:
         if self.num_timesteps >= 20:
             raise KeyboardInterrupt

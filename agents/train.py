@@ -85,9 +85,9 @@ def _require_same(args: Args) -> None:
     with reading(path):
         held = dict(json.loads(path.read_text(encoding="utf-8"))) if path.exists() else wanted
     for name, value in wanted.items():
-        if name != "total_steps" and held.get(name) != value:
+        if name != "total_steps" and held.get(name, value) != value:  # an older training may not name it
             raise ValueError(
-                f"out: {args.out} holds a training with {name}={held.get(name)!r:.80}, got {value!r:.80}; "
+                f"out: {args.out} holds a training with {name}={held[name]!r:.80}, got {value!r:.80}; "
                 "allowed: the same arguments, or another folder"
             )
 
@@ -95,6 +95,5 @@ def _require_same(args: Args) -> None:
 def _identity(args: Args) -> dict[str, Any]:
     """What makes a training, JSON-plain: its arguments, the fields of its scenarios, and `BEHAVIOUR`."""
     fields = [fields_of(scenario_of(name)) for name in args.scenarios]
-    beside = {"validation_episodes": args.validation_episodes, "behaviour": BEHAVIOUR, "scenarios": fields}
-    plain: dict[str, Any] = json.loads(json.dumps(args.arguments() | beside))
+    plain: dict[str, Any] = json.loads(json.dumps(args.arguments() | {"behaviour": BEHAVIOUR, "scenarios": fields}))
     return plain

@@ -175,7 +175,7 @@ def main(args: Args) -> None:
         student = Student(network_of(env.layout, weights, card), args.learning_rate, args.seed)
         decisions = teach(teacher, student, env, recipe)
     seconds = round(time.monotonic() - begun, 1)
-    card = card_of(asdict(recipe), decisions, seconds, 0) | {"command": command_line(args.command(), args)}
+    card = card_of(asdict(recipe), decisions, seconds, False) | {"command": command_line(args.command(), args)}
     card |= {"actors": args.actors, "critics": args.critics, "chosen": "the last weights", "method": METHOD}
     card |= {"steps_trained": decisions, "seconds_trained": seconds}
     path = args.out / WEIGHTS

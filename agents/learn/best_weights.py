@@ -76,8 +76,8 @@ class BestWeights(BaseCallback):
 
     def keep(self, held_out_return: float) -> None:
         """Write the present weights and their card."""
-        episodes = 0 if math.isnan(held_out_return) else self.args.validation_episodes
-        card = card_of(self.args.arguments(), self.learner.num_timesteps, self.seconds(), episodes)
+        chosen = not math.isnan(held_out_return)
+        card = card_of(self.args.arguments(), self.learner.num_timesteps, self.seconds(), chosen)
         save(self.weights, weights_of(self.learner), card | {"held_out_return": held_out_return})
 
     def complete_card(self) -> None:

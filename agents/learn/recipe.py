@@ -74,6 +74,10 @@ class Recipe:
     """Factor of the failure penalty, in training and in the choice of the weights."""
     width: int = 64
     """Units of each layer of the network."""
+    period: int = 10_000
+    """Decisions between checkpoints, and between rounds of validation."""
+    validation_episodes: int = 64
+    """Episodes of each scenario that choose the best weights."""
 
     @classmethod
     def of(cls, card: Mapping[str, Any]) -> "Recipe":
@@ -86,7 +90,7 @@ class Recipe:
         within(self, reward_clip=(LEAST, 1e9), lost_penalty_weight=(LEAST, 1e9), target_kl=(LEAST, 1e9))
         within(self, gamma=(LEAST, 1.0), learning_rate=(LEAST, 1.0), entropy_bonus=(0.0, 1e3), seed=(0, 2**31 - 1))
         within(self, warm_start=(0.0, 0.99), total_steps=(1, 2**40), epochs=(1, 1000))
-        within(self, num_envs=(1, 2**16), width=(1, 2**13))
+        within(self, num_envs=(1, 2**16), width=(1, 2**13), period=(1, 2**40), validation_episodes=(1, 2**16))
         for scenario in map(scenario_of, self.scenarios):
             whole_multiple("decision_period", self.decision_period, "the frame", scenario.frame_time)
             whole_multiple("duration", self.duration or scenario.duration, "decision_period", self.decision_period)
@@ -143,10 +147,6 @@ class Args(Recipe):
     """Folder of the results; a checkpoint in it is resumed."""
     device: str = "cpu"
     """Device on which the network learns, as PyTorch names it: cpu, or cuda for a GPU."""
-    period: int = 10_000
-    """Decisions between checkpoints, and between rounds of validation."""
-    validation_episodes: int = 64
-    """Episodes of each scenario that choose the best weights."""
     wandb: str = ""
     """Project of Weights & Biases to which the run is logged too; needs the package wandb."""
     test_episodes: int = 32
@@ -159,7 +159,7 @@ class Args(Recipe):
             raise ValueError(
                 f"wandb: {self.wandb!r}, but the package is absent; allowed: nothing, or pip install wandb"
             )
-        within(self, period=(1, 2**40), validation_episodes=(1, 2**16), test_episodes=(0, 10**6))
+        within(self, test_episodes=(0, 10**6))
 
     def arguments(self) -> dict[str, Any]:
         """The arguments that determine a training, as they stand in a file."""

@@ -75,11 +75,8 @@ def require_finite(weights: Mapping[str, np.ndarray]) -> None:
             raise ValueError(f"weights: {name} has values that are no finite numbers; the training has diverged")
 
 
-def card_of(recipe: dict[str, Any], steps: int, seconds: float, validation_episodes: int) -> dict[str, Any]:
-    """The card of weights that are kept after `steps` decisions and `seconds` of training.
-
-    0 `validation_episodes`: they are the last ones, not chosen.
-    """
+def card_of(recipe: dict[str, Any], steps: int, seconds: float, chosen: bool) -> dict[str, Any]:
+    """The card of weights after `steps` decisions and `seconds` of training: `chosen` ones, or the last."""
     given = [f"--{name.replace('_', '-')} {value}" for name, value in recipe.items() if value != ""]
     best = f"best mean return of the deterministic policy in {validation_episodes} validation episodes, {FLOOR:g} bits "
     best += f"the least, the failure penalty counted {recipe['lost_penalty_weight']:g} times"
@@ -89,7 +86,7 @@ def card_of(recipe: dict[str, Any], steps: int, seconds: float, validation_episo
         "behaviour": BEHAVIOUR,
         "steps": steps,
         "seconds": round(seconds, 1),
-        "chosen": best if validation_episodes else "the last of an interrupted training, before any validation",
+        "chosen": best if chosen else "the last of an interrupted training, before any validation",
         "machine": machine(),
         "versions": {"python": platform.python_version()} | package_versions(PACKAGES),
         "limits": LIMITS,

@@ -24,6 +24,7 @@ from activeslam_gym.envs.observation import CONTEXT_FEATURES, CONTEXT_SIZE, layo
 torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 
+import tyro
 from stable_baselines3 import PPO
 
 from agents import policies, task
@@ -36,7 +37,7 @@ from agents.learn.learner import save_learner, weights_of
 from agents.learn.policy import SetEncoder, network_of
 from agents.learn.recipe import Recipe
 from agents.learn.weights import SHIPPED, read, read_card, save, shipped
-from agents.train import CHECKPOINT, Args, train
+from agents.train import CHECKPOINT, Args, _require_same, train
 from examples.extend_range_sensor import RangeSensor
 from studies import imitation
 
@@ -99,6 +100,20 @@ def test_training_leaves_weights_card_and_checkpoint_and_goes_on(trained: Path) 
         train(Args(out=trained, total_steps=80, reward="log_score", **SMALL))
     with pytest.raises(ValueError, match="holds a training with validation_episodes=2, got 3"):
         train(Args(out=trained, total_steps=80, **(SMALL | {"validation_episodes": 3})))
+
+
+def test_the_command_on_a_card_has_all_that_determines_the_weights(trained: Path) -> None:
+    """It lacked the period and the number of validation episodes, and gave other weights."""
+    card = read_card(trained / "policy.npz")
+    args = tyro.cli(Args, args=[*card["command"].split()[4:], "--out", str(trained)])
+    assert args.arguments() == Args(**{**SMALL, "total_steps": args.total_steps}).arguments()
+    assert Recipe.of(card) == Recipe(**args.arguments())
+    written = trained / "arguments.json"
+    older = {name: value for name, value in json.loads(written.read_text()).items() if name != "period"}
+    written.write_text(json.dumps(older))
+    _require_same(args)
+    with pytest.raises(ValueError, match="holds a training with epochs=8, got 9"):
+        _require_same(replace(args, epochs=9))
 
 
 def test_a_scenario_with_parts_of_ones_own_is_trained_and_tested(

@@ -43,16 +43,18 @@ COLUMNS = (
 class BestWeights(BaseCallback):
     """Keeps checkpoints of a learner, and its best weights and their card.
 
-    Every `period` decisions, and at the end, the deterministic policy plays the validation episodes of each scenario,
-    one in each environment of ``batches``. A score chooses the weights: the mean return, in the reward's own unit and
-    at least `FLOOR` an episode, where the failure penalty counts as in training. Of several scenarios, each mean is
-    divided by the number of estimated dimensions, relative to `paper`.
+    After the update that completes each `period` decisions, and after the last one, the deterministic policy plays the
+    validation episodes of each scenario, one in each environment of ``batches``. Their mean score chooses the weights,
+    and stands on the card as ``held_out_return``: the return in the reward's own unit, at least `FLOOR`, plus
+    `lost_penalty_weight` - 1 times the failure penalty. Of several scenarios, each mean is divided by the number of
+    estimated dimensions, relative to `paper`.
     """
 
     def __init__(self, args: Args, learner: Any, batches: Mapping[str, VecEnv]) -> None:
         super().__init__()
         self.args, self.learner, self.batches = args, learner, batches
-        self.weights, self.visited = args.out / WEIGHTS, _last_visit(args.out / CURVE, len(batches))
+        self.weights, self.learned = args.out / WEIGHTS, learner.num_timesteps  # decisions before the last update
+        self.visited = _last_visit(args.out / CURVE, len(batches), -1 if args.initial else 0)
         self.bar: Any = None
         self.begun = time.monotonic() - getattr(learner, "seconds", 0.0)
         self.best: float = -math.inf
@@ -66,6 +68,7 @@ class BestWeights(BaseCallback):
         """End the bar, write the checkpoint, and the present weights where none were chosen."""
         if self.bar is not None:
             self.bar.close()
+        self.learner.num_timesteps = self.learned  # from an interrupted rollout nothing was learned
         self._save()
         if not self.weights.exists():
             self.keep(math.nan)
@@ -105,18 +108,18 @@ class BestWeights(BaseCallback):
         left = -(-(self.args.total_steps - self.num_timesteps) // rollout) * rollout
         total = self.num_timesteps + left
         self.bar = tqdm(total=total, initial=self.num_timesteps, unit="decision", unit_scale=True, disable=None)
-        if self.args.initial and not self.num_timesteps:
-            self._visit()  # the initial weights may be the best
 
     def _on_rollout_start(self) -> None:
+        """After an update, or at the start, where initial weights may be the best."""
+        self.learned = self.num_timesteps
+        if self.learned // self.args.period > self.visited // self.args.period:
+            self._save()
+            self._visit()
         if self.args.entropy_bonus and self.args.algorithm in ("ppo", "a2c"):
             left = max(0.0, 1.0 - self.num_timesteps / self.args.total_steps)
             self.model.ent_coef = self.args.entropy_bonus * LAST_ENTROPY ** (1.0 - left)
 
     def _on_step(self) -> bool:
-        if self.num_timesteps % self.args.period < self.training_env.num_envs:
-            self._save()
-            self._visit()
         self.bar.update(self.training_env.num_envs)
         return True
 
@@ -126,7 +129,8 @@ class BestWeights(BaseCallback):
         save_learner(self.learner, self.args.out / CHECKPOINT)
 
     def _on_training_end(self) -> None:
-        if self.visited < self.num_timesteps:
+        self.learned = self.num_timesteps
+        if self.visited < self.learned:
             self._visit()
 
     def _visit(self) -> None:
@@ -183,13 +187,13 @@ class BestWeights(BaseCallback):
             writer.writerow((*row, f"{-entropy:.3f}"))
 
 
-def _last_visit(curve: Path, scenarios: int) -> int:
-    """The decisions before the last validation in all ``scenarios``, by its rows in a ``curve``; 0 before the first."""
+def _last_visit(curve: Path, scenarios: int, none: int) -> int:
+    """The decisions before the last validation in all ``scenarios``, by its rows in a ``curve``, or ``none``."""
     if not curve.exists():
-        return 0
+        return none
     with reading(curve), curve.open(encoding="utf-8", newline="") as file:
         rows = Counter(int(row["decisions"]) for row in csv.DictReader(file))
-    return max((decisions for decisions, count in rows.items() if count >= scenarios), default=0)
+    return max((decisions for decisions, count in rows.items() if count >= scenarios), default=none)
 
 
 def check_test(args: Args) -> None:

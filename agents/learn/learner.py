@@ -211,9 +211,10 @@ def learner_of(weights: Mapping[str, np.ndarray], card: Mapping[str, Any]) -> An
 def learner_in(recipe: Recipe, env: VecEnv, checkpoint: Path, logs: Path, device: str = "cpu") -> Any:
     """A learner with the weights, the optimiser and the counts of a checkpoint, in episodes that it has not yet seen.
 
-    Without a checkpoint it is new, or has the recipe's initial weights. Of the file, tensors and numbers are read,
-    never a pickle: `BaseAlgorithm.load` would run its code. Raises ValueError for a damaged file, or one of another
-    learner, and for initial weights that do not fit.
+    Without a checkpoint it is new, or has the recipe's initial weights. Its random draws begin again, and the replay
+    buffer of DQN or SAC is empty. Of the file, tensors and numbers are read, never a pickle: `BaseAlgorithm.load` would
+    run its code. Raises ValueError for a damaged file, or one of another learner, and for initial weights that do not
+    fit.
     """
     initial = initial_weights(recipe)[0] if recipe.initial else None
     learner = make_learner(recipe, env, logs, device, initial)
@@ -235,7 +236,7 @@ def learner_in(recipe: Recipe, env: VecEnv, checkpoint: Path, logs: Path, device
 
 
 def save_learner(learner: BaseAlgorithm, checkpoint: Path) -> None:
-    """The learner with its optimiser, whole or not at all; DQN's replay buffer is left out.
+    """The learner with its optimiser, whole or not at all; a replay buffer is left out.
 
     Raises ValueError for weights that are not finite.
     """

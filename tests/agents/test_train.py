@@ -1,6 +1,7 @@
 """Training and the learned policies: small, but all the way."""
 
 import base64
+import csv
 import io
 import json
 import pickle
@@ -35,7 +36,7 @@ from agents.learn.best_weights import BestWeights
 from agents.learn.inputs import Inputs, common_size
 from agents.learn.learner import save_learner, weights_of
 from agents.learn.policy import SetEncoder, network_of
-from agents.learn.recipe import Recipe
+from agents.learn.recipe import CURVE, Recipe
 from agents.learn.weights import SHIPPED, read, read_card, save, shipped
 from agents.train import CHECKPOINT, Args, _require_same, train
 from examples.extend_range_sensor import RangeSensor
@@ -114,6 +115,45 @@ def test_the_command_on_a_card_has_all_that_determines_the_weights(trained: Path
     _require_same(args)
     with pytest.raises(ValueError, match="holds a training with epochs=8, got 9"):
         _require_same(replace(args, epochs=9))
+
+
+def test_weights_are_judged_after_each_update_and_the_last_ones_always(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They were judged in the last step of a rollout, before its update, so that the last ones could be left out."""
+    judged, visit = list[tuple[int, int]](), BestWeights._visit
+
+    def note(self: BestWeights) -> None:
+        judged.append((self.num_timesteps, self.learner._n_updates))
+        visit(self)
+
+    monkeypatch.setattr(BestWeights, "_visit", note)
+    train(Args(out=tmp_path, total_steps=80, **(SMALL | {"period": 10, "target_kl": 1e9})))
+    assert judged == [(40, 8), (80, 16)]
+    with (tmp_path / CURVE).open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["decisions"] for row in rows] == ["40", "80"]
+    assert all(float(row["policy_entropy"]) > 0.0 for row in rows)  # those of an update that was over were missing
+
+
+def test_an_interrupted_rollout_is_not_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C within a rollout took its decisions from the training, which learned nothing from them."""
+    args, at = Args(out=tmp_path, total_steps=80, **(SMALL | {"target_kl": 1e9})), 60
+
+    def interrupt(self: BestWeights) -> bool:
+        if self.num_timesteps == at:
+            raise KeyboardInterrupt
+        return True
+
+    with monkeypatch.context() as patched:
+        patched.setattr(BestWeights, "_on_step", interrupt)
+        assert not train(args)
+    learner = PPO.load(tmp_path / CHECKPOINT)
+    assert (learner.num_timesteps, learner._n_updates) == (40, 8)
+    assert read_card(tmp_path / "policy.npz")["steps"] == 40
+    assert train(args)
+    learner = PPO.load(tmp_path / CHECKPOINT)
+    assert (learner.num_timesteps, learner._n_updates) == (80, 16)
 
 
 def test_a_scenario_with_parts_of_ones_own_is_trained_and_tested(

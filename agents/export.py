@@ -27,10 +27,12 @@ def main(args: Args) -> int:
         raise ValueError(f"out must end in .zip, got {str(args.out)!r}")
     writable_file("out", args.out)
     weights, card = read(args.policy)
+    learner = learner_of(weights, card)
     with written_whole(args.out) as unfinished:
-        learner_of(weights, card).save(unfinished)
+        learner.save(unfinished)
     how = f"{str(card['algorithm']).upper()}.load({str(args.out)!r})"
     several = len(Recipe.of(card).scenarios) > 1 or card.get("initial")
-    common = ", in the common layout of agents.sb3.SeveralScenarios" if several else ""
+    tokens = learner.policy_kwargs["features_extractor_kwargs"]["layout"].token_shape[0]
+    common = f", in the common layout: agents.sb3.SeveralScenarios(batches, tokens={tokens})" if several else ""
     print(f"Written to {args.out}: {how}, for environments with gaze_period={card['decision_period']}{common}")
     return 0

@@ -203,6 +203,8 @@ def learner_of(weights: Mapping[str, np.ndarray], card: Mapping[str, Any]) -> An
     recipe = replace(Recipe.of(card), num_envs=1)
     with closing(make_training(recipe)) as env:
         learner = make_learner(recipe, env, None, weights=weights)
+    if isinstance(learner, PPO):  # one of several scenarios groups the environments of its own training
+        learner.rollout_buffer_class, learner.rollout_buffer_kwargs = RolloutBuffer, {}
     learner.learning_rate = recipe.learning_rate  # a number, where a function would be pickled
     learner._setup_lr_schedule()
     return learner

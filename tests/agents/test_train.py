@@ -6,7 +6,8 @@ import io
 import json
 import pickle
 import shutil
-from dataclasses import replace
+from contextlib import closing
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -27,6 +28,7 @@ pytest.importorskip("stable_baselines3")
 
 import tyro
 from stable_baselines3 import PPO
+from stable_baselines3.common.buffers import RolloutBuffer
 
 from agents import policies, task
 from agents.__main__ import main
@@ -171,6 +173,17 @@ def test_a_scenario_with_parts_of_ones_own_is_trained_and_tested(
     with pytest.raises(ValueError, match="sensor"):
         train(Args(out=tmp_path / "nameless", scenario="nameless", **small))
     assert not (tmp_path / "nameless").exists()
+
+
+def test_an_export_of_several_scenarios_is_trained_in_one(tmp_path: Path) -> None:
+    """Its rollout was still grouped by the scenarios of its own training: a traceback, or wrong groups."""
+    recipe = Recipe(scenario="sprint+office", **SHORT)
+    with closing(learners.make_training(recipe)) as env:
+        weights = weights_of(learners.make_learner(recipe, env, None))
+    learners.learner_of(weights, asdict(recipe)).save(tmp_path / "several.zip")
+    with closing(learners.make_validation(recipe, 3)["sprint"]) as env:
+        learner = PPO.load(tmp_path / "several.zip", env=env)
+        assert learner.learn(6).num_timesteps == 6 and type(learner.rollout_buffer) is RolloutBuffer
 
 
 def test_the_same_seed_trains_the_same_weights(tmp_path: Path) -> None:

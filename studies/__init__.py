@@ -63,21 +63,22 @@ class Study(Page, Workers):
         if self.out:
             writable_folder("out", self.out)
 
-    def played(self, groups: dict[Name, list[Task]]) -> dict[Name, list[Episode]]:
-        """The episodes of groups of tasks, kept or played now, as a batch where policy and environment are the same.
+    def played(self, groups: dict[Name, list[Task]], batch: int = BATCH) -> dict[Name, list[Episode]]:
+        """The episodes of groups of tasks, kept or played now, ``batch`` together of the same policy and environment.
 
         Raises ValueError for an unknown policy or a bad argument of an environment, before any episode.
         """
         every = list(dict.fromkeys(task for group in groups.values() for task in group))
         check(every)
-        found = dict(results(every, Store(self.out, self.workers), BATCH))
+        found = dict(results(every, Store(self.out, self.workers), batch))
         return {name: [found[task] for task in group] for name, group in groups.items()}
 
-    def in_validation(self, scenario: str, policies: Sequence[str]) -> dict[str, list[Episode]]:
+    def in_validation(self, scenario: str, policies: Sequence[str], end_when_lost: bool) -> dict[str, list[Episode]]:
         """Of each policy the first validation episodes of a scenario, as it is trained in."""
-        settings = settings_of(scenario, sensor=trained_scenario(scenario).sensor)
-        first = benchmark_seed(scenario, validation=True)
-        return self.played({policy: tasks(policy, settings, first, self.episodes) for policy in policies})
+        sensor, first = trained_scenario(scenario).sensor, benchmark_seed(scenario, validation=True)
+        settings = settings_of(scenario, {"end_when_lost": end_when_lost}, sensor=sensor)
+        groups = {policy: tasks(policy, settings, first, self.episodes) for policy in policies}
+        return self.played(groups, 1 if end_when_lost else BATCH)  # episodes of a batch end together
 
 
 def settings_of(scenario: str, arguments: dict[str, Any] | None = None, **fields: Any) -> str:

@@ -4,7 +4,8 @@
     python -m studies.learning --folders results/curves --policies greedy-plus mi-mi generalist
 
 Folders of a scenario that differ in the last part of their name, after "-", are seeds of one curve. Each scenario has a
-panel. The policies play the validation episodes once, and stand as lines.
+panel. The policies play the validation episodes once, and stand as lines. An episode ends when it is lost, as in the
+validation of `agents train`.
 """
 
 import csv
@@ -96,7 +97,7 @@ def main(args: Args) -> None:
     policies = {
         scenario: {
             name: aggregate([one.gain for one in own], "IQM")
-            for name, own in args.in_validation(scenario, args.policies).items()
+            for name, own in args.in_validation(scenario, args.policies, True).items()
         }
         for scenario in curves
     }

@@ -79,7 +79,7 @@ def main(args: Args) -> None:
         with closing(gym.make_vec("ActiveSLAM-v0", num_envs=SAMPLES, scenario=scenario, **given)) as env:
             found = [search(env, first + k, decisions) for k in range(args.episodes)]
         reference = aggregate(found, "IQM")
-        for policy, episodes in args.in_validation(name, args.policies).items():
+        for policy, episodes in args.in_validation(name, args.policies, False).items():
             score = aggregate([one.gain for one in episodes], "IQM")
             share = f"{score.value / reference.value:.2f}"
             rows.append([f"`{name}`", reference.text(1.0), f"`{policy}`", score.text(1.0), share])

@@ -132,6 +132,23 @@ def test_the_reference_is_of_the_scenario_that_the_policies_play(monkeypatch: py
     assert searched == [trained_scenario("corner-pixels")]
 
 
+def test_learning_curves_and_their_policies_count_an_episode_until_it_is_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Validation of a learner ended a lost episode; the policies beside it went on, and some recovered."""
+    (tmp_path / "curve.csv").write_text("decisions,scenario,log_score,failures\n40,office,1.0,0.0\n")
+    played = list[tuple[bool, int]]()
+
+    def note(_: Any, groups: dict[str, list[tasks.Task]], batch: int) -> dict[str, list[Any]]:
+        played.extend((json.loads(one.settings)["end_when_lost"], batch) for group in groups.values() for one in group)
+        return {name: [episode(), episode(seed=1)] for name in groups}
+
+    monkeypatch.setattr(learning.Args, "played", note)
+    monkeypatch.setattr(learning, "save_figure", lambda *_: None)
+    learning.main(learning.Args(folders=(tmp_path,), policies=("stay",), episodes=2, out=tmp_path))
+    assert played == [(True, 1)] * 2
+
+
 def test_learning_curves_show_every_policy(monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: list[Any] = []
     monkeypatch.setattr(learning, "save_figure", lambda figure, _: drawn.append(figure))

@@ -121,7 +121,8 @@ class LearnedPolicy:
 
     def _decide(self, inputs: np.ndarray, deterministic: bool) -> np.ndarray:
         """Motions and gazes (B, 2): the preferred ones, or drawn by the policy's own probabilities, which DQN
-        has none of. Of SAC points (B, 4) where the environment takes them, or else the nearest pairs."""
+        has none of. Of SAC points (B, 4) where the environment takes them, or else the motion that is most of each and
+        the nearest gaze."""
         with torch.inference_mode(), _one_thread():
             found = self._network._predict(torch.as_tensor(inputs), deterministic).numpy()
         if isinstance(self._network, DQNPolicy):

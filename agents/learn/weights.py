@@ -19,7 +19,7 @@ from agents.learn.recipe import ALGORITHMS
 from agents.tools.files import json_text, reading, write_json
 
 SHIPPED = Path(__file__).parents[1] / "pretrained"
-FLOOR = -100.0  # least count of a validation episode, as much as the failure penalty: one does not choose the weights
+FLOOR = -100.0  # least return of a validation episode, as much as the failure penalty: one does not choose the weights
 CARD = "card"  # name of the card among the arrays of a file
 PACKAGES = ("activeslam-gym", "stable-baselines3", "torch", "gymnasium", "numba", "numpy")
 LIMITS = (
@@ -78,8 +78,8 @@ def require_finite(weights: Mapping[str, np.ndarray]) -> None:
 def card_of(recipe: dict[str, Any], steps: int, seconds: float, chosen: bool) -> dict[str, Any]:
     """The card of weights after `steps` decisions and `seconds` of training: `chosen` ones, or the last."""
     given = [f"--{name.replace('_', '-')} {value}" for name, value in recipe.items() if value != ""]
-    best = f"best mean return of the deterministic policy in {validation_episodes} validation episodes, {FLOOR:g} bits "
-    best += f"the least, the failure penalty counted {recipe['lost_penalty_weight']:g} times"
+    best = f"best mean score of the deterministic policy in {recipe['validation_episodes']} validation episodes: its "
+    best += f"return, at least {FLOOR:g} bits, plus {recipe['lost_penalty_weight'] - 1.0:g} times its failure penalty"
     return {
         "command": " ".join(["python -m agents train", *given]),
         **recipe,

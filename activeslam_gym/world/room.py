@@ -114,8 +114,9 @@ def expected_points(scenario: Scenario, room: Room, rng: np.random.Generator) ->
     """(L, 3) where landmarks are expected [m]: in the room beside known boxes, or on its walls and these (surfaces)."""
     layout = scenario.landmark_layout if scenario.on_surfaces else UNIFORM
     known = room.boxes if scenario.boxes_known else room.boxes[:0]
-    anywhere = dataclasses.replace(scenario, landmark_layout=layout)
-    return _landmarks(anywhere, known, np.empty((0, 3)), rng, spacing=0.0)[:, :3]
+    if layout != scenario.landmark_layout:
+        scenario = dataclasses.replace(scenario, landmark_layout=layout)
+    return _landmarks(scenario, known, np.empty((0, 3)), rng, spacing=0.0)[:, :3]
 
 
 def _landmarks(
@@ -147,12 +148,15 @@ def _landmarks(
         else:
             drawn = uniform_points(scenario, count, rng)
         candidates = drawn if scenario.has_normals else drawn[~inside_any(drawn, boxes)]
-        free: Any = ~_near(candidates, np.concatenate(apart), spacing).any(axis=1)
-        near = _near(candidates, candidates, spacing)
-        for k in range(len(candidates)):
-            if free[k] and len(found) < count:
-                found.append(candidates[k])
-                free &= ~near[k]
+        if spacing == 0.0:
+            found.extend(candidates[: count - len(found)])
+        else:
+            free: Any = ~_near(candidates, np.concatenate(apart), spacing).any(axis=1)
+            near = _near(candidates, candidates, spacing)
+            for k in range(len(candidates)):
+                if free[k] and len(found) < count:
+                    found.append(candidates[k])
+                    free &= ~near[k]
         if len(found) == count:
             return np.array(found)
         apart = [taken, *(point[None, :3] for point in found)]

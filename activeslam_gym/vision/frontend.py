@@ -84,6 +84,8 @@ class FrontEnd:
         self._prior = filter.expected_inverse_depth
         self._template_map = TemplateMap(self.camera, self.settings, filter.capacity + len(filter.fiducials))
         self._frame, self._time = 0, 0.0
+        self.repeated = 0
+        """Images so far that repeat the one before."""
         self.candidates = np.zeros(0, DETECTION)
         """(M,) those of the last image with the filter's answer, in its pixels; new features at the end."""
         self.searched = NOTHING
@@ -116,9 +118,13 @@ class FrontEnd:
 
     def first_log(self, milliseconds: float) -> FrameLog:
         """The log of the first image, in which nothing is searched, and which took so many ``milliseconds``."""
-        features, metric = self._template_map.features, len(self.filter.fiducials) > 0
-        counts = features, 0, 0, 0, 0, features, 0
-        return FrameLog(self._time, *counts, True, False, False, metric, milliseconds)
+        return self._unsearched(self._time, 1e-3 * milliseconds)._replace(initialised=self._template_map.features)
+
+    def _unsearched(self, time_s: float, seconds: float) -> FrameLog:
+        """The log of an image of ``time_s`` [s] in which nothing was searched, and which took so many ``seconds``."""
+        seen, metric = self._blind == 0, len(self.filter.fiducials) > 0
+        counts = self._template_map.features, 0, 0, 0, 0, 0, 0
+        return FrameLog(time_s, *counts, seen, not seen, False, metric, 1e3 * seconds)
 
     def show(self, target: Drawn, normal: np.ndarray, shown_from: np.ndarray | None = None) -> None:
         """The fiducials look as ``target`` draws them, on a plane with ``normal`` (3,) (world, away from the camera);
@@ -165,9 +171,15 @@ class FrontEnd:
         return arrays
 
     def step(self, image: np.ndarray, time_s: float, u: np.ndarray | None = None) -> FrameLog:
-        """Go on to the ``image`` (h, w) uint8 of ``time_s`` [s], under the known accelerations ``u`` (6,), if any."""
-        began, s = time.thread_time(), self.settings
+        """Go on to the ``image`` (h, w) uint8 of ``time_s`` [s], under the known accelerations ``u`` (6,), if any.
+
+        One that repeats the last image shows the camera where it was then, and tells nothing of where it is.
+        """
+        began, s, last = time.thread_time(), self.settings, self._image
         self._take(image)
+        if np.array_equal(self._image, last):
+            self.repeated += 1
+            return self._unsearched(time_s, time.thread_time() - began)
         self._frame += 1
         dt, self._time = time_s - self._time, time_s
         if self._last_view is not None and dt > max(_GAP[0], _GAP[1] * float(self.filter.models.motion.dt)):

@@ -60,10 +60,18 @@ DRIFTED = (
     "the turn since the start is not known to 1.5 degrees, or the map contradicts the images: "
     "a narrow lens, a quick motion, or a map that was lost"
 )
-"""The words for a track whose motion the images do not tell."""
+CONTRADICTED = (
+    "the map contradicts the images from {:.2f} s on, and poses may be wrong from some time before: something moved "
+    "before the camera, the picture was changed (zoom, interlacing, letters in it), or it is too dark"
+)
+REPLACED = "the target contradicted the map, which was begun again {} times: poses before may be wrong"
+"""The words for a track whose motion the images do not tell, and for one that they contradict."""
 Item = TypeVar("Item")
 _CORNER_STD = 0.35  # of the target's corners in the first image: aliasing and the lens [px]
 _SPEED_STD, _TURN_STD = 0.05, 0.05  # of the first velocity [m/s] and angular velocity [rad/s]: a hand at rest
+_SHARE, _MOST_DELETED = 1.0 / 30.0, 1.0 / 16.0
+"""Of an image in running means; and of the matched features that are deleted, from which the map is wrong. It is at
+most 0.05 where poses are right, and 0.07 to 0.4 with an object in motion, a zoom, interlacing or a motion too quick."""
 _SURELY = 3.0  # deviations of its position by which a camera has moved for sure
 _BEHIND = np.array((0.0, 0.0, -1.0))  # the target's normal, away from the camera
 
@@ -78,17 +86,23 @@ class Track(NamedTuple):
     lost: np.ndarray  # (n,) bool: images in which too little was matched to tell the pose
     filter: Filter  # as it was after the last image
     trouble: str | None  # why it ended early, or None
+    repeated: int = 0  # images that repeat the one before, and have its pose
 
     @property
     def start_certain(self) -> bool:
-        """Whether there was a target, or one motion alone explained the start, and the turn since is still known."""
-        return self.metric or (len(self.logs) > 0 and self.logs[-1].start_certain)
+        """Whether there was a target, or one motion alone explained the start, and the map agrees with the images."""
+        return self.logs[-1].start_certain if self.logs else self.metric
 
     @property
     def doubt(self) -> str:
         """Why the poses are not certain; or "" ."""
+        if restarts := self.filter.counts["restarts"]:
+            return REPLACED.format(restarts)
         if self.start_certain:
             return ""
+        if self.metric:
+            first = next(k for k, log in enumerate(self.logs) if not log.start_certain)
+            return CONTRADICTED.format(self.times[first + 1])
         if any(log.start_certain for log in self.logs):
             return DRIFTED
         return f"{UNCERTAIN}: {AT_REST if self.at_rest else SEVERAL}"
@@ -181,7 +195,7 @@ def follow(
         first, began = next(source), thread_time()
         front_end = start(first[1], calibration, target, scenario, settings, first[0])
         later = ((frame, front_end.step(frame[1], frame[0])) for frame in source)
-        steps = chain([(first, front_end.first_log(1e3 * (thread_time() - began)))], later)
+        steps = chain([(first, front_end.first_log(1e3 * (thread_time() - began)))], _judged(later))
     filter, trouble, rows = front_end.filter, None, list[tuple[float, np.ndarray, np.ndarray, FrameLog]]()
     try:
         for frame, log in steps:
@@ -193,7 +207,19 @@ def follow(
         trouble = str(error) if isinstance(error, ValueError) else "interrupted"
     times, cameras, covariances, logs = zip(*rows)
     lost = np.array([log.lost for log in logs])
-    return Track(np.array(times), np.array(cameras), np.array(covariances), [*logs[1:]], lost, filter, trouble)
+    stacked = np.array(times), np.array(cameras), np.array(covariances)
+    return Track(*stacked, [*logs[1:]], lost, filter, trouble, front_end.repeated)
+
+
+def _judged(steps: Iterable[tuple[Frame, FrameLog]]) -> Iterator[tuple[Frame, FrameLog]]:
+    """The same; no pose is certain any more once too many of the matched features are deleted: the map is wrong."""
+    deleted, matched, certain = 0.0, 0.0, True
+    for frame, log in steps:
+        if log.searched:
+            matched += _SHARE * (log.matched - matched) if matched else log.matched
+            deleted += _SHARE * (log.deletions - deleted)
+            certain &= deleted <= _MOST_DELETED * max(matched, 1.0)
+        yield frame, log._replace(start_certain=certain)
 
 
 def track(args: Namespace) -> tuple[Track, str]:
@@ -291,7 +317,7 @@ def summary(done: Track) -> str:
         line += f"; lost in {done.lost.sum()} images, first at {done.times[done.lost.argmax()]:.2f} s"
     if again := sum(log.relocalised for log in done.logs):
         line += f"; found again {again} times"
-    if done.metric:
-        return line
-    turned = [TURNED] if done.at_rest else []
-    return "; ".join([line, FREE, *turned, *filter(None, [done.doubt])])
+    if done.repeated:
+        line += f"; {done.repeated} repeat the image before and have its pose"
+    free = [] if done.metric else [FREE, *([TURNED] if done.at_rest else [])]
+    return "; ".join([line, *free, *filter(None, [done.doubt])])

@@ -24,7 +24,7 @@ from activeslam_gym.vision.other_lenses import lens_from
 from activeslam_gym.vision.report import TrackFiles
 from activeslam_gym.vision.sources import images_of
 from activeslam_gym.vision.target import read_target
-from activeslam_gym.vision.track import follow, track
+from activeslam_gym.vision.track import follow, summary, track
 from activeslam_gym.vision.views import projected, reduced
 from tests.vision_scene import CAMERA, LENS, TARGET, enlarged, image_from, path, pose_at, target_fields
 
@@ -220,3 +220,31 @@ def test_images_of_other_sizes_of_the_same_scene_are_tracked_alike() -> None:
         found = follow(zip(count(0.0, 1 / 30), images), lens, None, 30.0)
         assert not found.lost.any() and found.filter.camera.width == LENS.image_width
         np.testing.assert_allclose(found.cameras[:, :7], expected.cameras[:, :7], atol=0.02)
+
+
+def test_what_hides_the_scene_and_moves_with_the_target_is_no_silent_error() -> None:
+    """From 0.27 s on a picture lies before most of the view, the target too, and goes to the right."""
+    poses, rng = path(60, approach=0.001), np.random.default_rng(0)
+    images = [image_from(pose, target=True, samples=2) for pose in poses]
+    sheet = cv2.resize(rng.integers(0, 255, (20, 26)).astype(np.uint8), (270, 210), interpolation=cv2.INTER_CUBIC)
+    hidden = [image.copy() for image in images]
+    for k, image in enumerate(hidden[8:]):
+        left = min(3 * k, 50)
+        image[15:225, left : left + 270] = sheet
+    target = TARGET._replace(corners_px=corners_from(poses[0]))
+    right, wrong = (follow(zip(count(0.0, 1 / 30), shown), LENS, target, 30.0) for shown in (images, hidden))
+    assert right.start_certain and not right.doubt and "contradicts" not in summary(right)
+    assert np.linalg.norm(wrong.cameras[:, :3] - np.array(poses)[:, :3], axis=1).max() > 0.1
+    assert not wrong.start_certain and "the map contradicts the images from 1." in summary(wrong)
+
+
+def test_images_that_repeat_the_one_before_have_its_pose_and_tell_of_no_rest() -> None:
+    """For half a second a picture stands still, while the camera goes on."""
+    poses = path(40, approach=0.001)
+    images = [image_from(pose, target=True, samples=2) for pose in poses]
+    target = TARGET._replace(corners_px=corners_from(poses[0]))
+    done = follow(zip(count(0.0, 1 / 30), [*images[:20], *[images[20]] * 15, *images[35:]]), LENS, target, 30.0)
+    assert done.repeated == 14 and "14 repeat the image before and have its pose" in summary(done)
+    assert (done.cameras[20:35] == done.cameras[20]).all() and len(done.times) == 40
+    shown = np.array([*poses[:20], *[poses[20]] * 15, *poses[35:]])
+    assert not done.lost.any() and np.linalg.norm(done.cameras[:, :3] - shown[:, :3], axis=1).max() < 0.03

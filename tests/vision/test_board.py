@@ -65,6 +65,17 @@ def test_the_lens_is_recovered_from_pictures_of_a_board(pattern, std, tmp_path, 
     assert float(said.split("residual ")[1].split()[0]) < 0.3
 
 
+@pytest.mark.parametrize("pose", POSES[1:])
+def test_corners_of_a_tilted_chessboard_in_a_small_picture_are_not_shifted_together(pose) -> None:
+    x, y = (SQUARE * (np.arange(float(n)) - 0.5 * (n - 1)) for n in (COLUMNS, ROWS))
+    corners = np.stack((*np.meshgrid(x, y), np.zeros((ROWS, COLUMNS))), axis=-1).reshape(-1, 3)
+    image = cv2.GaussianBlur(photographed(pose, chessboard), (0, 0), 0.7)
+    _, pixels = find_board(image, "chessboard", COLUMNS, ROWS)
+    errors = pixels[:, None] - projected(CAMERA, pose, corners)
+    nearest = np.linalg.norm(errors, axis=2).argmin(axis=1)
+    assert np.abs(errors[np.arange(len(pixels)), nearest].mean(axis=0)).max() < 0.03
+
+
 POINTS = np.stack((*np.meshgrid(np.arange(7.0) - 3.0, np.arange(5.0) - 2.0), np.zeros((5, 7))), axis=-1).reshape(-1, 3)
 EXACT = [
     (POINTS * (1.0, -1.0, 1.0), projected(CAMERA, np.concatenate((20.0 * pose[:3], pose[3:])), POINTS))

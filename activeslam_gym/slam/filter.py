@@ -380,12 +380,12 @@ def _camera(name: str, value: Any, default: np.ndarray | None) -> np.ndarray:
 def _covariance(name: str, value: Any, default: np.ndarray | None, size: int) -> np.ndarray:
     """The same as a covariance (size, size)."""
     P = _array(name, value, default, (size, size))
-    if not _is_covariance(P):
+    if not is_covariance(P):
         raise ValueError(f"{name} must be {_COVARIANCES}, got {value!r}")
     return P
 
 
-def _is_covariance(P: np.ndarray) -> bool:
+def is_covariance(P: np.ndarray) -> bool:
     """Whether ``P`` (n, n) is symmetric without a negative eigenvalue, up to rounding."""
     size = np.sqrt(np.maximum(P.diagonal(), 1e-100))
     unit = P / (size[:, None] * size)

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from activeslam_gym.motion import ANGULAR_VELOCITY, CAMERA_DIM, CAMERA_SIZE, POSITION, QUATERNION, VELOCITY
 from activeslam_gym.slam.belief import angles_of
+from activeslam_gym.slam.filter import is_covariance
 from activeslam_gym.vision.bundle import UNIT, Bundle, Geometry, inverse_depths, tangents
 from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.frontend import FrameLog, FrontEnd
@@ -248,12 +249,13 @@ def _adjusted(corners: Corners) -> Opening | None:
     x, cost = bundle.fit(x._replace(d=x.d[kept], rho=x.rho[kept]), _ROUNDS)
     try:
         P = _CORRELATED * np.linalg.inv(bundle.normal_equations(x)[0])
+        if not is_covariance(P):  # the normal equations are nearly singular
+            return None
     except np.linalg.LinAlgError:
         return None
     cameras = 6 * (len(images) - 1)
-    spread = max(float(np.trace(P[cameras - 6 : cameras - 3, cameras - 6 : cameras - 3])), 0.0)
-    way = np.sqrt(spread) / max(float(np.linalg.norm(x.p[-1])), 1e-9)
-    depth = np.median(np.sqrt(np.abs(np.diag(P)[cameras + 2 :: 3])) / x.rho)
+    way = np.sqrt(np.diag(P)[cameras - 6 : cameras - 3].sum()) / max(float(np.linalg.norm(x.p[-1])), 1e-9)
+    depth = np.median(np.sqrt(np.diag(P)[cameras + 2 :: 3]) / x.rho)
     certain = bool(clear > _CLEAR and share > _KEPT and way < _SHARP[0] and depth < _SHARP[1])
     return Opening(images, x, P, used, certain)
 

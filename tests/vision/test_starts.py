@@ -132,6 +132,22 @@ def test_depths_are_known_at_the_start() -> None:
     assert camera[:3] @ way > 0.999 * np.linalg.norm(camera[:3]) * np.linalg.norm(way)
 
 
+def test_a_start_whose_normal_equations_are_nearly_singular_is_none(monkeypatch) -> None:
+    whole, tried, search = Bundle.normal_equations, [], Start(LENS)
+
+    def singular(bundle: Bundle, x: Geometry) -> tuple[np.ndarray, np.ndarray]:
+        H, g = whole(bundle, x)
+        H[1], H[:, 1] = H[0], H[:, 0]
+        H[1, 1] = H[0, 0] * (1.0 - 1e-13)  # as rounding may have it
+        tried.append(np.linalg.inv(H))
+        return H, g
+
+    monkeypatch.setattr(Bundle, "normal_equations", singular)
+    for k, pose in enumerate(SLANTED[:15]):
+        search.add(k / 15.0, image_from(pose, samples=2))
+    assert tried and search.best is None
+
+
 def test_what_interrupts_the_images_of_the_start_ends_the_track(free) -> None:
     def images() -> Iterator[Frame]:
         yield from free[:7]

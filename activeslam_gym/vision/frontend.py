@@ -122,9 +122,8 @@ class FrontEnd:
 
     def _unsearched(self, time_s: float, seconds: float) -> FrameLog:
         """The log of an image of ``time_s`` [s] in which nothing was searched, and which took so many ``seconds``."""
-        seen, metric = self._blind == 0, len(self.filter.fiducials) > 0
-        counts = self._template_map.features, 0, 0, 0, 0, 0, 0
-        return FrameLog(time_s, *counts, seen, not seen, False, metric, 1e3 * seconds)
+        counts, metric = (self._template_map.features, 0, 0, 0, 0, 0, 0), len(self.filter.fiducials) > 0
+        return FrameLog(time_s, *counts, True, False, False, metric, 1e3 * seconds)
 
     def show(self, target: Drawn, normal: np.ndarray, shown_from: np.ndarray | None = None) -> None:
         """The fiducials look as ``target`` draws them, on a plane with ``normal`` (3,) (world, away from the camera);
@@ -177,7 +176,7 @@ class FrontEnd:
         """
         began, s, last = time.thread_time(), self.settings, self._image
         self._take(image)
-        if np.array_equal(self._image, last):
+        if self._blind == 0 and np.array_equal(self._image, last):
             self.repeated += 1
             return self._unsearched(time_s, time.thread_time() - began)
         self._frame += 1

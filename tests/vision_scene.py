@@ -5,6 +5,7 @@ from collections.abc import Callable
 from functools import cache
 
 import numpy as np
+from scipy.ndimage import zoom
 
 from activeslam_gym.camera import camera_of
 from activeslam_gym.geometry import quaternion_exp, quaternion_product, rotation_matrix
@@ -73,6 +74,16 @@ def image_from(pose: np.ndarray, target: bool = False, samples: int = 4) -> np.n
 @cache
 def _image(pose: tuple[float, ...], target: bool, samples: int) -> np.ndarray:
     return photographed(np.array(pose), with_target if target else texture, samples)
+
+
+def covered(images: list[np.ndarray], first: int = 8) -> list[np.ndarray]:
+    """The ``images``; from the ``first`` on with a sheet before most of the view, which goes to the right."""
+    grey = np.random.default_rng(0).integers(0, 255, (20, 26)).astype(np.uint8)
+    sheet, out = zoom(grey, (210 / 20, 270 / 26), order=3), [image.copy() for image in images]
+    for k, image in enumerate(out[first:]):
+        left = min(3 * k, 50)
+        image[15:225, left : left + 270] = sheet
+    return out
 
 
 def target_fields(pose: np.ndarray) -> dict[str, object]:

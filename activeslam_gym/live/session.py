@@ -23,7 +23,7 @@ from activeslam_gym.motion import CAMERA_SIZE, MOTION_COUNT, Motion
 from activeslam_gym.vision.film import film_to, moment_of
 from activeslam_gym.vision.frontend import NOTHING, FrameLog, FrontEnd
 from activeslam_gym.vision.opencv import opencv
-from activeslam_gym.vision.report import TrackFiles
+from activeslam_gym.vision.report import Agreement, TrackFiles
 
 Source = RenderedRoom | RecordedImages | Device
 _FEW = 4
@@ -41,6 +41,9 @@ WORDS = {
     Standing.OVER: "No image is left. Restart to see it again.",
 }
 """Sentences for people."""
+_CONTRADICTED = (
+    "Unsure: the map contradicts the images. Something moved before the camera, or the hand was too quick. Restart."
+)
 _BEGUN = "The target is there; the map begins."
 _NOTHING: dict[str, Any] = {
     "searched": NOTHING,
@@ -84,6 +87,7 @@ class Session:
         self.adviser: Adviser | None = None
         self.log: FrameLog | None = None
         """Of the last image but the first."""
+        self._agreement = Agreement()
         self._frame, self._time, self._zero, self._good = 0, 0.0, 0.0, 0.0
         self._image = np.zeros((self.source.scenario.image_height, self.source.scenario.image_width), np.uint8)
         self._mapped: set[int] = set()
@@ -164,7 +168,8 @@ class Session:
 
     def _track(self, front_end: FrontEnd) -> None:
         assert self.adviser
-        self.log = front_end.step(self._image, self._time)
+        log = front_end.step(self._image, self._time)
+        self.log = log if self.source.person else self._agreement.judged(log)  # a room's front end keeps what it misses
         if self.log.matched >= _FEW and not self.log.lost:
             self._good = self._time
         if self.adviser.consider(self._time) and self.source.person is not None:
@@ -176,13 +181,14 @@ class Session:
         if self._time - self._good > _PATIENCE or variances.max() > _VAGUE**2:
             return Standing.LOST
         well = log is None or (not log.lost and log.matched >= max(_FEW, log.searched / 2))
-        return Standing.TRACKING if well else Standing.UNSURE
+        return Standing.TRACKING if well and self._agreement.holds else Standing.UNSURE
 
     def _state(self, standing: Standing, began: float, why: ValueError | None = None) -> State:
         log, person, adviser, front_end = self.log, self.source.person, self.adviser, self.front_end
         moment = vars(moment_of(front_end, self._image)) if front_end else {"image": self._image, **_NOTHING}
         begun = standing == Standing.TRACKING and log is None
         words = _BEGUN if begun else "{why}" if isinstance(why, GuidanceError) else WORDS[standing]
+        words = _CONTRADICTED if standing == Standing.UNSURE and not self._agreement.holds else words
         matched, searched = (log.matched, log.searched) if log else (0, 0)
         self._mapped.update(moment["ids"][moment["mapped"]].tolist())
         return State(

@@ -183,7 +183,7 @@ class RealCamera:
         front_end.start(image, 0.0, np.zeros(0, np.int64), np.zeros((0, 2)))
         adviser = Adviser(self.scenario, front_end, np.random.SeedSequence(0))
         for k in range(1, round(2.0 * self._rate) + 1):
-            front_end.step(image, k / self._rate)
+            front_end.step(np.roll(image, k, axis=1), k / self._rate)
             adviser.consider(k / self._rate)
 
     def _see_through(self, calibration: Calibration) -> None:

@@ -33,7 +33,7 @@ from activeslam_gym.vision.first_sight import demand_agreement, fiducials_among,
 from activeslam_gym.vision.frontend import FrameLog, FrontEnd, FrontEndSettings
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.other_lenses import lens_from
-from activeslam_gym.vision.report import FREE, TURNED, Diagnosis, TrackFiles, blemish
+from activeslam_gym.vision.report import FREE, TURNED, Agreement, Diagnosis, TrackFiles, blemish
 from activeslam_gym.vision.settings import FEATURES, FEWEST, MOST
 from activeslam_gym.vision.sources import Frame, SourceError, images_of, read_times
 from activeslam_gym.vision.start import steps_from_anywhere
@@ -62,16 +62,14 @@ DRIFTED = (
 )
 CONTRADICTED = (
     "the map contradicts the images from {:.2f} s on, and poses may be wrong from some time before: something moved "
-    "before the camera, the picture was changed (zoom, interlacing, letters in it), or it is too dark"
+    "before the camera, the picture was changed (zoom, interlacing, letters in it), the hand was too quick, or it was "
+    "too dark"
 )
 REPLACED = "the target contradicted the map, which was begun again {} times: poses before may be wrong"
 """The words for a track whose motion the images do not tell, and for one that they contradict."""
 Item = TypeVar("Item")
 _CORNER_STD = 0.35  # of the target's corners in the first image: aliasing and the lens [px]
 _SPEED_STD, _TURN_STD = 0.05, 0.05  # of the first velocity [m/s] and angular velocity [rad/s]: a hand at rest
-_SHARE, _MOST_DELETED = 1.0 / 30.0, 1.0 / 16.0
-"""Of an image in running means; and of the matched features that are deleted, from which the map is wrong. It is at
-most 0.05 where poses are right, and 0.07 to 0.4 with an object in motion, a zoom, interlacing or a motion too quick."""
 _SURELY = 3.0  # deviations of its position by which a camera has moved for sure
 _BEHIND = np.array((0.0, 0.0, -1.0))  # the target's normal, away from the camera
 
@@ -194,8 +192,9 @@ def follow(
     else:
         first, began = next(source), thread_time()
         front_end = start(first[1], calibration, target, scenario, settings, first[0])
-        later = ((frame, front_end.step(frame[1], frame[0])) for frame in source)
-        steps = chain([(first, front_end.first_log(1e3 * (thread_time() - began)))], _judged(later))
+        agreement = Agreement()
+        later = ((frame, agreement.judged(front_end.step(frame[1], frame[0]))) for frame in source)
+        steps = chain([(first, front_end.first_log(1e3 * (thread_time() - began)))], later)
     filter, trouble, rows = front_end.filter, None, list[tuple[float, np.ndarray, np.ndarray, FrameLog]]()
     try:
         for frame, log in steps:
@@ -209,17 +208,6 @@ def follow(
     lost = np.array([log.lost for log in logs])
     stacked = np.array(times), np.array(cameras), np.array(covariances)
     return Track(*stacked, [*logs[1:]], lost, filter, trouble, front_end.repeated)
-
-
-def _judged(steps: Iterable[tuple[Frame, FrameLog]]) -> Iterator[tuple[Frame, FrameLog]]:
-    """The same; no pose is certain any more once too many of the matched features are deleted: the map is wrong."""
-    deleted, matched, certain = 0.0, 0.0, True
-    for frame, log in steps:
-        if log.searched:
-            matched += _SHARE * (log.matched - matched) if matched else log.matched
-            deleted += _SHARE * (log.deletions - deleted)
-            certain &= deleted <= _MOST_DELETED * max(matched, 1.0)
-        yield frame, log._replace(start_certain=certain)
 
 
 def track(args: Namespace) -> tuple[Track, str]:

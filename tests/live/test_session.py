@@ -17,14 +17,25 @@ from activeslam_gym.information.candidates import measurable_points
 from activeslam_gym.live import source as live_source
 from activeslam_gym.live.advice import CRITERION, best
 from activeslam_gym.live.session import Session
-from activeslam_gym.live.source import FOLLOW, NEVER, ROOM, STILL, GuidanceError, Person, RecordedImages, RenderedRoom
+from activeslam_gym.live.source import (
+    FOLLOW,
+    NEVER,
+    ROOM,
+    STILL,
+    GuidanceError,
+    Person,
+    RealCamera,
+    RecordedImages,
+    RenderedRoom,
+)
 from activeslam_gym.live.state import Standing, State
 from activeslam_gym.motion import Motion, motion_of
 from activeslam_gym.vision.frontend import MATCHED
 from activeslam_gym.vision.other_lenses import lens_from
-from activeslam_gym.vision.sources import images_of
+from activeslam_gym.vision.sources import Frame, images_of
 from activeslam_gym.vision.target import read_target
-from tests.vision_scene import image_from, pose_at, target_fields
+from activeslam_gym.vision.views import projected
+from tests.vision_scene import CAMERA, LENS, TARGET, covered, image_from, path, pose_at, target_fields
 
 NEAR_LENS = "1 OPENCV_FISHEYE 320 240 195 197 162.5 125.5 -0.0089 -0.0329 -0.0052 0.0019"
 """A fisheye that is nearly `LENS`, in COLMAP's form: its images are mapped by up to a pixel."""
@@ -203,6 +214,28 @@ def test_corners_of_a_target_are_mapped_with_the_first_image(monkeypatch: pytest
     monkeypatch.setattr(RecordedImages, "_warm_up", lambda self: done.append("compiled"))
     RecordedImages("camera:0", tmp_path / "cameras.txt", tmp_path / "target.json", 5.0).next()
     assert done == ["opened", "compiled", "opened"], "a live camera's first image is a new one"
+
+
+class Shown(RealCamera):
+    """A camera that shows ``images``."""
+
+    name, is_camera = "shown", False
+
+    def __init__(self, images: list[np.ndarray]) -> None:
+        target = TARGET._replace(corners_px=projected(CAMERA, path(1)[0], TARGET.fiducials))
+        super().__init__(LENS, lambda frame: frame, target, 30.0)
+        self._frames = iter([(k / 30.0, image) for k, image in enumerate(images)])
+
+    def next(self) -> Frame | None:
+        return next(self._frames, None)
+
+
+def test_a_map_that_contradicts_the_images_is_unsure_until_a_restart() -> None:
+    images = [image_from(pose, target=True, samples=2) for pose in path(60, approach=0.001)]
+    right, wrong = Session(Shown(images)), Session(Shown(covered(images)))
+    said = [[show.step() for _ in images][-1] for show in (right, wrong)]
+    assert [state.standing for state in said] == ["tracking", "unsure"]
+    assert "contradicts the images" in said[1].words and right.log.start_certain and not wrong.log.start_certain
 
 
 def test_a_recording_that_was_cut_off_has_its_images_states_trajectory_and_log(tmp_path: Path) -> None:

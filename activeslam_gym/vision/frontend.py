@@ -44,7 +44,7 @@ class FrameLog(NamedTuple):
     relocalised: bool  # the map was lost, and found again in this image
     metric: bool  # the scale is known: there are fiducials
     milliseconds: float  # of computation
-    start_certain: bool = True  # whether the first motion is certain, as it is with a target
+    start_certain: bool = True  # the first motion is certain, as with a target, and the map agrees with the images
 
 
 class Searched(NamedTuple):

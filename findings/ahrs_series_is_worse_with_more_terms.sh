@@ -4,7 +4,7 @@
 # terms but the first are wrong, and more of them do not help. After 10 s of 3 rad/s at 100 Hz, the default order 1 is
 # off by 0.13 degrees, order 2 and all higher ones by 4.33.
 # Law: the series of order k misses less than a term of order k + 1, so order 8 equals the closed form.
-# Upstream: no issue of github.com/Mayitzin/ahrs that was found tells it.
+# Upstream: no issue of github.com/Mayitzin/ahrs that was found describes it.
 # `method="closed"`, the default, is right.
 # Prints the error of each order, and of the same series with powers of the matrix, and fails if that changes.
 set -euo pipefail

@@ -7,7 +7,7 @@
 # such frames.
 # Law: a point that a pose sees has one place in the other frame, by the pose and by itself. Were the quaternions meant
 # the other way, from the frame to the body, not even headings would be right.
-# Upstream: no issue of github.com/equinor/alitra that was found tells it.
+# Upstream: no issue of github.com/equinor/alitra that was found describes it.
 # `transform.rotation * orientation.to_rotation()` is right.
 # Prints angles and errors for four poses, and fails if that changes.
 set -euo pipefail

@@ -8,7 +8,7 @@
 # Law: overlapping bins estimate the same variance as separate ones. White noise with a deviation of s per sample has
 # the Allan deviation s / sqrt(n) over n samples (IEEE Std 952, equation of the angle random walk). AllanTools 2024.6
 # finds it with overlapping bins.
-# Upstream: no issue of github.com/varunagrawal/allan_variance that was found tells it.
+# Upstream: no issue of github.com/varunagrawal/allan_variance that was found describes it.
 # `overlap=0`, the default of `AllanVarianceAnalyzer`, is right.
 # Prints the deviations by the overlap, and fails if that changes.
 set -euo pipefail

@@ -5,7 +5,7 @@
 # up for it: a focal length of 600 px becomes 636, and the residual of 0.08 px looks good. Nothing warns.
 # `only_extrinsics=True` keeps all of them.
 # Law: for exact pixels, exact cameras are the optimum; an adjustment that begins there stays there.
-# Upstream: no issue of github.com/lambdaloop/aniposelib that was found tells it.
+# Upstream: no issue of github.com/lambdaloop/aniposelib that was found describes it.
 # Prints the cameras before and after, and fails if that changes.
 set -euo pipefail
 folder=$(mktemp -d)

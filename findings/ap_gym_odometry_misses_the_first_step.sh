@@ -6,7 +6,7 @@
 # after the first step is zero.
 # Law: odometry is the position less the first one. The environment itself tells the true position as the target of the
 # prediction.
-# Upstream: no issue of github.com/TimSchneider42/active-perception-gym that was found tells it.
+# Upstream: no issue of github.com/TimSchneider42/active-perception-gym that was found describes it.
 # With a first action of zero, the odometry is right.
 # Prints the odometry beside the movement for three episodes, and fails if that changes.
 set -euo pipefail

@@ -6,7 +6,7 @@
 # At the left wall, a slide downwards is cut short by moves off the wall.
 # Law: in the mirror image of a room, the mirrored action gives the mirrored motion. In a square room, a step straight
 # into the middle of a wall does not move the agent along it, and one to the left slides as far as one to the right.
-# Upstream: no issue of github.com/TimSchneider42/active-perception-gym that was found tells it.
+# Upstream: no issue of github.com/TimSchneider42/active-perception-gym that was found describes it.
 # The true position is the target of the prediction.
 # Prints the motion along the four walls of a square room, and fails if that changes.
 set -euo pipefail

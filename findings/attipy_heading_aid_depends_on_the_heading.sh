@@ -7,7 +7,7 @@
 # of 1 degree leave a standard deviation of 8 degrees.
 # Law: a turn of the world about the vertical changes neither errors nor covariance of a level body. The Kalman filter
 # of a heading alone leaves 0.1 degrees of the error, and after 20 measurements a standard deviation of 0.22 degrees.
-# Upstream: no issue of github.com/vegardrsolum/attipy that was found tells it.
+# Upstream: no issue of github.com/vegardrsolum/attipy that was found describes it.
 # Prints the error after measurements for some headings, and fails if that changes.
 set -euo pipefail
 folder=$(mktemp -d)

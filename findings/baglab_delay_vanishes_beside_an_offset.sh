@@ -5,7 +5,7 @@
 # right for signals about zero. If the speed varies about 2 m/s, it is estimated too short, and about 5 m/s, there is
 # none.
 # Law: a constant that is added to both signals does not change the delay between them.
-# Upstream: no issue of github.com/Kotakku/baglab that was found tells it.
+# Upstream: no issue of github.com/Kotakku/baglab that was found describes it.
 # Without the means, as `cmd - cmd.mean()`, the delay is right.
 # Prints the delay for some offsets, and fails if that changes.
 set -euo pipefail

@@ -7,7 +7,7 @@
 # Law: at the first time, without an observation, the state is the initial one. `run_synchronous` of the same filter
 # starts so, and is exact.
 # Documentation: the section "Constant-velocity example" of its README.
-# Upstream: no issue of github.com/hugohadfield/bayesfilter that was found tells it.
+# Upstream: no issue of github.com/hugohadfield/bayesfilter that was found describes it.
 # An initial state that belongs to one step before the first time is right.
 # Prints the positions by both methods, and fails if that changes.
 set -euo pipefail

@@ -3,7 +3,7 @@
 # "ray travel distances". It takes the intersection with the least distance, and accepts negative ones. Nothing warns.
 # In a closed room, every ray hits the wall behind it, at a negative distance.
 # Law: a ray starts at its origin. In a box, the distance to the wall is known in closed form.
-# Upstream: no issue of github.com/eliphatfs/calibur that was found tells it.
+# Upstream: no issue of github.com/eliphatfs/calibur that was found describes it.
 # Rays that start outside of the mesh's box are right.
 # Prints the distances of rays in a room, and fails if that changes.
 set -euo pipefail

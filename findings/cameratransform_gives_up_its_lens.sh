@@ -7,7 +7,7 @@
 # An image of 640 by 480 px with f = 600 px ends at a radius of 0.67. With k1 = -0.35, the way there and back misses
 # its corner by 58 px for k2 = 0.05, and by less than 0.01 px for k2 = 0.06.
 # Law: one direction undoes the other. OpenCV 4.14.0.94 inverts each of these lenses.
-# Upstream: no issue of github.com/rgerum/cameratransform that was found tells it.
+# Upstream: no issue of github.com/rgerum/cameratransform that was found describes it.
 # Undistort pixels by `cv2.undistortPointsIter`, and give them to a `Camera` without a lens.
 # Prints the errors of both libraries in pixels, and on the ground in metres, and fails if that changes.
 set -euo pipefail

@@ -7,7 +7,7 @@
 # a frame that is turned by 30 degrees has errors of 52 cm per metre.
 # Law: relative errors do not depend on the frame of the estimate, and those of exact steps are zero. evo 1.38.1 obeys
 # it.
-# Upstream: no issue of github.com/rsasaki0109/CloudAnalyzer that was found tells it.
+# Upstream: no issue of github.com/rsasaki0109/CloudAnalyzer that was found describes it.
 # The rotational part is right. `align_rigid=True` turns the whole path, which helps in the second case alone.
 # Prints the errors of both libraries, and fails if that changes.
 set -euo pipefail

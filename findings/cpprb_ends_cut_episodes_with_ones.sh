@@ -5,7 +5,7 @@
 # last observation. It is an array of ones, which no environment has shown. Their `done` is zero, so a learner adds the
 # value of that observation to the return. Nothing warns.
 # Law: the observation that follows a transition is a later one of the same episode.
-# Upstream: no issue of github.com/ymd-h/cpprb that was found tells it.
+# Upstream: no issue of github.com/ymd-h/cpprb that was found describes it.
 # Transitions of one step, without `Nstep`, are right. Where an episode ends by `done`, `next_obs` has no use.
 # Prints `next_obs` for episodes that show 100, 101, 102, ... and 200, 201, ..., and fails if that changes.
 set -euo pipefail

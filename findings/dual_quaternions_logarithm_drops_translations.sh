@@ -4,7 +4,7 @@
 # Of the velocity it loses all that is along the axis, and nearly all where the turn is small. `exp` takes the velocity
 # itself for the translation, as if the body did not turn. So neither undoes the other. Nothing warns.
 # Law: exp(log(q)) = q. The logarithm of a motion is half of its exponential coordinates, which SciPy 1.17.1 has.
-# Upstream: no issue of github.com/Achllle/dual_quaternions that was found tells it.
+# Upstream: no issue of github.com/Achllle/dual_quaternions that was found describes it.
 # `pow` and `sclerp` do not call them, and are right. SciPy's `RigidTransform.as_exp_coords` is a logarithm.
 # Prints both logarithms and the way there and back, and fails if that changes.
 set -euo pipefail

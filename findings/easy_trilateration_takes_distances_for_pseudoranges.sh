@@ -7,7 +7,7 @@
 # m becomes an error of 15 m in place of 2.
 # Law: three distances determine a point, by linear equations. The fit of two unknowns from the same start, by SciPy
 # 1.17.1, has the least error.
-# Upstream: no issue of github.com/agusalex/Least-Squares-Trilateration that was found tells it.
+# Upstream: no issue of github.com/agusalex/Least-Squares-Trilateration that was found describes it.
 # The radius of the result tells how much was taken off. For exact distances, the point is right where it is zero.
 # Prints how often exact distances give the wrong point, and the errors by noise, and fails if that changes.
 set -euo pipefail

@@ -5,7 +5,7 @@
 # measures that it stands still. The filter moves it by 6.28 m, and its covariance is as small as for the true place.
 # Law: a unit of length must not matter. With lengths in units of 10 m, the same numbers give the true place.
 # Textbook: Thrun, Burgard, Fox, Probabilistic Robotics, table 10.1: the innovation of a range is a plain difference.
-# Upstream: no issue of github.com/achen4290/ekf-slam that was found tells it.
+# Upstream: no issue of github.com/achen4290/ekf-slam that was found describes it.
 # Differences of ranges below 3.14 units are right.
 # Prints the position after slips of 1 to 6 m, in metres and in units of 10 m, and fails if that changes.
 set -euo pipefail

@@ -5,7 +5,7 @@
 # An estimate that is exact at each of its stamps, but lost 20 frames of 100 and went on for 20 more, has an absolute
 # error of 1.7 m. With one frame less, it has none.
 # Law: a trajectory of true poses has no error.
-# Upstream: no issue of github.com/contagon/evalio that was found tells it.
+# Upstream: no issue of github.com/contagon/evalio that was found describes it.
 # Call `stats.align` before; it looks at the stamps.
 # Prints the errors of exact estimates, and fails if that changes.
 set -euo pipefail

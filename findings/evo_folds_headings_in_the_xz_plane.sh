@@ -4,7 +4,7 @@
 # cameras, as in KITTI: there, a heading of 120 degrees becomes 60, and a turn to the left becomes one to the right. A
 # path that lies in the plane must stay as it is. Here its relative errors grow from 0.5 to 3.9 degrees, and from 4 to
 # 21 cm. The planes XY and YZ keep headings.
-# Upstream: no issue of github.com/MichaelGrupp/evo that was found tells it.
+# Upstream: no issue of github.com/MichaelGrupp/evo that was found describes it.
 # Prints headings and errors before and after, and fails if that changes.
 set -euo pipefail
 folder=$(mktemp -d)

@@ -5,7 +5,7 @@
 # Orientations of an IMU or a camera that follow each other are often that close. Between two of them, a robot that
 # turns steadily goes forth and back, and then jumps. Beyond 3.6 degrees, where sines weigh, it is right.
 # Law: the documented ends; a steady turn has a steady angle, as by SciPy 1.17.1.
-# Upstream: no issue of github.com/CMBSciPol/fastquat that was found tells it.
+# Upstream: no issue of github.com/CMBSciPol/fastquat that was found describes it.
 # Prints angles for turns of 1 to 10 degrees, and fails if that changes.
 set -euo pipefail
 folder=$(mktemp -d)

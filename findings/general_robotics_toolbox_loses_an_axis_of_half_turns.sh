@@ -7,7 +7,7 @@
 # theirs: the half turn about (0, 0.6, -0.8) by `rot` itself comes back as one about (0, 0.6, 0.8).
 # Axes with an x are right, and so are turns that are 0.1 degrees short of a half.
 # Law: `rot` undoes `R2rot`. SciPy 1.17.1 returns the true axis.
-# Upstream: no issue of github.com/rpiRobotics/rpi_general_robotics_toolbox_py that was found tells it.
+# Upstream: no issue of github.com/rpiRobotics/rpi_general_robotics_toolbox_py that was found describes it.
 # `q2rot(R2q(R))` is right.
 # Prints the axes of half turns and the matrices they make, and fails if that changes.
 set -euo pipefail

@@ -4,7 +4,7 @@
 # 1.57 degrees of latitude. The way there and back misses the pole by 8900 km. North, east and down are taken from this
 # latitude, so a satellite straight above the pole has an elevation of 1.57 degrees in place of 90.
 # Law: the conversion undoes `ecef_from_llh`. pymap3d 3.2.0 returns 90 degrees.
-# Upstream: no issue of github.com/swift-nav/pygnss that was found tells it.
+# Upstream: no issue of github.com/swift-nav/pygnss that was found describes it.
 # A millionth of a degree beside the pole, it is right.
 # Prints latitudes, distances and elevations, and fails if that changes.
 set -euo pipefail

@@ -7,7 +7,7 @@
 # The library says -1.
 # Law: the value of a geometric waiting time in closed form. In the library's own gridworld, `value_iteration` and
 # `backup` compute the values from the model.
-# Upstream: no issue of github.com/mhahsler/gym-classics2 that was found tells it.
+# Upstream: no issue of github.com/mhahsler/gym-classics2 that was found describes it.
 # `MC_control_ES_textbook` is right. Where no episode visits a pair twice, both are.
 # Prints the values by both functions and the true ones, and fails if that changes.
 set -euo pipefail

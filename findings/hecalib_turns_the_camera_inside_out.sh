@@ -5,7 +5,7 @@
 # the rotation, whatever the camera. The translation is off by up to kilometres.
 # Law: a rotation has the determinant 1. X solves A X = X B exactly. The library's methods of Tsai, Park, Chou and Li
 # find it.
-# Upstream: no issue of github.com/ienebuse/hecalib that was found tells it.
+# Upstream: no issue of github.com/ienebuse/hecalib that was found describes it.
 # Prints how often each method is wrong, and fails if that changes.
 set -euo pipefail
 folder=$(mktemp -d)

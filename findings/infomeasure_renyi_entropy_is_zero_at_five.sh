@@ -5,7 +5,7 @@
 # or wide, any dimension. The mutual information of a variable with its noisy copy is 0 too, which reads as
 # independence. Nothing warns. Beyond k + 1, the result is nan. The Tsallis entropy, `approach="tsallis"`, has the same.
 # Law: ten times wider samples have an entropy higher by ln 10. That of a normal variable has a closed form.
-# Upstream: no issue of github.com/cbueth/infomeasure that was found tells it.
+# Upstream: no issue of github.com/cbueth/infomeasure that was found describes it.
 # Give a k of twice alpha: for alpha = 5, k = 10 is off by 0.01 here.
 # Prints both for alpha = 2 to 5.5, and fails if that changes.
 set -euo pipefail

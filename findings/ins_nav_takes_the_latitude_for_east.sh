@@ -4,7 +4,7 @@
 # horizontal nor of unit length, and all that is east or west of the origin is misplaced: near Zurich, a point 100 m
 # to the east is 31 m off. Nothing warns. `ecef2enu` is right, so the way there and back does not return.
 # Law: one direction undoes the other, and keeps distances. PROJ (pyproj 3.7.2, `topocentric`) has the same ECEF.
-# Upstream: no issue of github.com/the-guild-of-calamitous-intent/ins_nav that was found tells it.
+# Upstream: no issue of github.com/the-guild-of-calamitous-intent/ins_nav that was found describes it.
 # `ned2ecef(enu2ned(p))` is right, and so is `enu2ecef` where latitude and longitude are equal.
 # Prints the misplacement of points for three origins, and fails if that changes.
 set -euo pipefail

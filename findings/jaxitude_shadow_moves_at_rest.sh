@@ -5,7 +5,7 @@
 # moves though the body is at rest, as if it turned at half a radian per second. In a turn, the rate misses by more than
 # its own size, and is no longer linear in w.
 # Law: the derivative of the library's own `shadow` along `evolve_MRP`, which SciPy 1.17.1 confirms; it is zero at rest.
-# Upstream: no issue of github.com/jhand1993/jaxitude that was found tells it.
+# Upstream: no issue of github.com/jhand1993/jaxitude that was found describes it.
 # `evolve_MRP(shadow(s), w)` is right.
 # Prints the error for some rates, beside the one of the workaround, and fails if that changes.
 set -euo pipefail

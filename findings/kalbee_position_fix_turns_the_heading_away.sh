@@ -7,7 +7,7 @@
 # A robot starts with a heading that is off by 0.05 rad, and knows it to 0.05 rad. It drives 10 m, and gets its exact
 # position, 0.5 m aside. The filter stays 0.5 m off. The error of the heading doubles, to 100 deviations.
 # Law: after an exact position fix, the estimate is there. The posterior is integrated over all headings.
-# Upstream: no issue of github.com/LakoreAI/kalbee that was found tells it.
+# Upstream: no issue of github.com/LakoreAI/kalbee that was found describes it.
 # Prints estimates for three distances, also by the textbook's covariance and Jacobian, and fails if that changes.
 set -euo pipefail
 folder=$(mktemp -d)

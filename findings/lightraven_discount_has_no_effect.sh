@@ -5,7 +5,7 @@
 # For episodes of 100 steps with a reward of 1, each estimate is 100. With the default discount, 10 is true.
 # Law: the return is the sum of gamma^t r_t (Sutton and Barto, Reinforcement Learning, equation 3.8). If the policy is
 # the one that has made the episodes, all weights are 1, and the estimate is the mean return.
-# Upstream: no issue of github.com/M0gician/lightRaven that was found tells it.
+# Upstream: no issue of github.com/M0gician/lightRaven that was found describes it.
 # Rewards that are multiplied by gamma^t beforehand give right estimates.
 # Prints the estimates by the discount, and fails if that changes.
 set -euo pipefail

@@ -7,7 +7,7 @@
 # Law: the numbers of the states must not matter. Sutton and Barto, Reinforcement Learning, section 5.9, has
 # the sum. The library's own `PDIS` with an `FAPolicy` that sees the states as unit vectors, which is the same policy,
 # obeys both.
-# Upstream: no issue of github.com/M0gician/lightRaven that was found tells it.
+# Upstream: no issue of github.com/M0gician/lightRaven that was found describes it.
 # `IS` and `WIS` with a `TabularPolicy` are right.
 # Prints the estimates for two numberings of the states, and fails if that changes.
 set -euo pipefail

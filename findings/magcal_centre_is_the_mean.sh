@@ -6,7 +6,7 @@
 # are then wrong by up to 6 degrees, and the library reports a good calibration.
 # Law: samples on a sphere have its centre, wherever on it they lie. A linear fit of an ellipsoid with its centre finds
 # it, and so does the library's own simpler method "sphere".
-# Upstream: no issue of github.com/lundeen06/magcal that was found tells it.
+# Upstream: no issue of github.com/lundeen06/magcal that was found describes it.
 # Prints the errors of the offsets for samples without noise, and fails if that changes.
 set -euo pipefail
 folder=$(mktemp -d)

@@ -5,7 +5,7 @@
 # the episode.
 # Law: Gymnasium documents that an episode after a reset with a seed repeats for the same actions. Its own
 # `check_env` rejects the environment.
-# Upstream: no issue of github.com/Paul-543NA/matrix-mdp-gym that was found tells it.
+# Upstream: no issue of github.com/Paul-543NA/matrix-mdp-gym that was found describes it.
 # `numpy.random.seed` before each reset repeats an episode.
 # Prints the states of episodes with one seed, and fails if that changes.
 set -euo pipefail

@@ -6,7 +6,7 @@
 # overconfident.
 # Law: the logarithm of the Gaussian density, by SciPy 1.17.1. For independent measurements of a constant, the most
 # likely variance is the mean square of the residuals.
-# Upstream: no issue of github.com/solbes/minkf that was found tells it.
+# Upstream: no issue of github.com/solbes/minkf that was found describes it.
 # Right is the negative of `loglike` plus half of the sum of log det(2 pi C), with C of `predict_y=True`.
 # Prints the likelihood and the best variances, and fails if that changes.
 set -euo pipefail

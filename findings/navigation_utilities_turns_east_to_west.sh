@@ -7,7 +7,7 @@
 # to the north. At the place of the library's own example of a sentence, it is 8 degrees off.
 # Law: a turn of the globe about its axis changes no coordinates about an origin that turns along. For small distances,
 # x is the difference of the longitudes times the cosine of the latitude, and y is that of the latitudes.
-# Upstream: no issue of github.com/pablodorrio/navigation-utilities that was found tells it.
+# Upstream: no issue of github.com/pablodorrio/navigation-utilities that was found describes it.
 # The distance from the origin is right.
 # Prints the coordinates of a point 100 m to the east and 100 m to the north, and fails if that changes.
 set -euo pipefail

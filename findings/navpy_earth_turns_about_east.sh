@@ -6,7 +6,7 @@
 # by that in an hour. At the equator it is right, at a pole the axis is horizontal. The length is right everywhere.
 # Law: the axis of the Earth is ECEF's z axis, so its rate has no part along east. NavPy's own `ecef2ned`, which takes
 # vectors from one frame to the other, has the true rate, and so has pymap3d 3.2.0.
-# Upstream: no issue of github.com/NavPy/NavPy that was found tells it.
+# Upstream: no issue of github.com/NavPy/NavPy that was found describes it.
 # `ecef2ned((0.0, 0.0, omega), lat, lon, alt)` is right. `navrate` has its numbers in their places.
 # Prints the rates by the three functions, and what is left of gyroscopes at rest, and fails if that changes.
 set -euo pipefail

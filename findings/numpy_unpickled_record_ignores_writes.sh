@@ -3,7 +3,7 @@
 # values and the same type, and says that it is writeable. But whatever is written to a field is gone: the value stays
 # as it was, and no error tells it. A filter's state that is kept as a record stands still in another process.
 # A copy by `copy.deepcopy`, and a pickled array of one record, keep what is written.
-# Upstream: no issue of github.com/numpy/numpy that was found tells it.
+# Upstream: no issue of github.com/numpy/numpy that was found describes it.
 # Prints the field after a write to each kind of copy, and fails if that changes.
 set -euo pipefail
 folder=$(mktemp -d)

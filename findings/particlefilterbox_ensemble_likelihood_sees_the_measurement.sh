@@ -6,7 +6,7 @@
 # grows as the assumed noise falls, so the noise that fits best is the least one that is tried.
 # Law: the Gaussian density of the linear model, by SciPy 1.17.1. The library's own `BootstrapPF` agrees with it within
 # 3, and finds the true noise.
-# Upstream: no issue of github.com/nodesecon/particlefilterbox that was found tells it.
+# Upstream: no issue of github.com/nodesecon/particlefilterbox that was found describes it.
 # The filtered means are right.
 # Prints the likelihoods for five assumed noises, and fails if that changes.
 set -euo pipefail

@@ -7,7 +7,7 @@
 # posterior, and to the other side in the reverse order.
 # Law: a particle has N w copies on average. The order of the particles must not matter. The library's other methods
 # obey both.
-# Upstream: no issue of github.com/nodesecon/particlefilterbox that was found tells it.
+# Upstream: no issue of github.com/nodesecon/particlefilterbox that was found describes it.
 # `systematic_resample`, the default, is right. The mean error is less where particles and weights are shuffled.
 # Prints copies and means by all methods, and fails if that changes.
 set -euo pipefail

@@ -6,7 +6,7 @@
 # Law: turns about one axis alone do not depend on the sequence. The library's own `rotZ_to_tform`, `rotY_to_tform` and
 # `rotX_to_tform` give the product, and so does SciPy 1.17.1. `quat_to_eulZYX` reads the angles of the product, so the
 # way from a quaternion by the angles to a matrix inverts it.
-# Upstream: no issue of github.com/VibhuSharma19/poekit that was found tells it.
+# Upstream: no issue of github.com/VibhuSharma19/poekit that was found describes it.
 # The transpose of the result is right.
 # Prints the angles between the matrix and the product of the turns, and between it and the inverse, and fails if that
 # changes.

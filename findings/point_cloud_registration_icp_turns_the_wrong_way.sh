@@ -5,7 +5,7 @@
 # degrees off, it ends 15 degrees from the truth. For more, the clouds may part, and NumPy raises an error.
 # Law: the library's own `calc_H_g_e2_no_parallel_ver`, which is documented to be "the totally same", has the right
 # gradient. With it, all of these alignments are exact. So they are if the source is turned first.
-# Upstream: no issue of github.com/scomup/point-cloud-registration that was found tells it.
+# Upstream: no issue of github.com/scomup/point-cloud-registration that was found describes it.
 # For small rotations, the steps are wrong too, but lead close to the truth.
 # Prints the errors after the alignment by both, and fails if that changes.
 set -euo pipefail

@@ -8,7 +8,7 @@
 # z axis where the robot stands on flat ground.
 # Law: the frame that a pose is expressed in must not matter; the same pose in the frame of the map turns right. SciPy
 # 1.17.1 composes the same orientation.
-# Upstream: no issue of github.com/robobenjie/posetree that was found tells it.
+# Upstream: no issue of github.com/robobenjie/posetree that was found describes it.
 # `pose.in_frame(frame).rotate_about_axis(axis, angle, frame=frame).in_frame(pose.frame)` is right.
 # Prints the errors of turns by 20 degrees for some headings of the robot, and fails if that changes.
 set -euo pipefail

@@ -5,7 +5,7 @@
 # no turn becomes half a turn about x, and a turn of 30 degrees one of 200. Nothing warns. `DCM2EV` and `EA2EV` return
 # what `Q2EV` makes, and are wrong too.
 # Law: `Q2EV(EV2Q(v))` is the same rotation as v, and `EV2DCM(DCM2EV(D))` is D. SciPy 1.17.1 is the reference.
-# Upstream: no issue of github.com/tuxcell/PSpincalc that was found tells it.
+# Upstream: no issue of github.com/tuxcell/PSpincalc that was found describes it.
 # `Q2EV` of a quaternion whose scalar is moved to the end is right.
 # Prints what turns of 0 to 170 degrees become, and fails if that changes.
 set -euo pipefail

@@ -5,7 +5,7 @@
 # pitches, the heading is right. With both angles at 30 degrees, it is up to 24 degrees off.
 # Law: the heading of a tilted body, measured without noise, is that of its attitude. The library's own `q2rpy` and
 # `accelmag2rpy` give it.
-# Upstream: no issue of github.com/TUM-Aries-Lab/py-imu that was found tells it.
+# Upstream: no issue of github.com/TUM-Aries-Lab/py-imu that was found describes it.
 # Right is the third angle of `accelmag2rpy`.
 # Prints the headings for some attitudes, and fails if that changes.
 set -euo pipefail

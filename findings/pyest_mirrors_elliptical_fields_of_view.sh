@@ -6,7 +6,7 @@
 # degrees takes it to -10 in place of 50.
 # Law: the transformed field of view contains the transformed point if and only if the field of view contains the point.
 # The library's own `contains` decides both. Its polygons obey the law.
-# Upstream: no issue of github.com/scope-lab/pyest that was found tells it.
+# Upstream: no issue of github.com/scope-lab/pyest that was found describes it.
 # `contains` of an ellipse that was not transformed is right, and so is one at 0 or 90 degrees after a transformation.
 # Prints angles, and the share of points for which the law is broken, and fails if that changes.
 set -euo pipefail

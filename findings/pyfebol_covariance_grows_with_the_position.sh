@@ -5,7 +5,7 @@
 # mean, stands in for the variance. Far from the origin, a target known to 2 m gets a standard deviation of 24 m. Its
 # coordinates seem fully correlated. `maxEigenvalue` and the cost model by it take this value.
 # Law: a covariance does not change if everything is shifted. NumPy computes it from the particles and their weights.
-# Upstream: no issue of github.com/cdrckrgt/PyFEBOL that was found tells it.
+# Upstream: no issue of github.com/cdrckrgt/PyFEBOL that was found describes it.
 # `centroid()` is right.
 # Prints the standard deviations for some targets, and fails if that changes.
 set -euo pipefail

@@ -4,7 +4,7 @@
 # the domain is reported in the upper left one. `covariance()` exchanges the two variances too.
 # Law: the mean of the library's own grid, by the coordinates that its update gives to the cells, is close to the
 # target.
-# Upstream: no issue of github.com/cdrckrgt/PyFEBOL that was found tells it.
+# Upstream: no issue of github.com/cdrckrgt/PyFEBOL that was found describes it.
 # On the diagonal of the domain, the centroid is right.
 # Prints the centroids for some targets, and fails if that changes.
 set -euo pipefail

@@ -6,7 +6,7 @@
 # positions agree, and each orientation is a matrix with the determinant -1.
 # Law: a rotation has the determinant 1. Umeyama's method takes the sign from the product of the determinants of the two
 # orthogonal matrices of the decomposition, if the points lie in a plane. SciPy 1.17.1 finds the rotations.
-# Upstream: no issue of github.com/pvangoor/pylie that was found tells it.
+# Upstream: no issue of github.com/pvangoor/pylie that was found describes it.
 # A path that leaves the plane is aligned by the true rotation.
 # Prints the determinants and the errors of the orientations, and fails if that changes.
 set -euo pipefail

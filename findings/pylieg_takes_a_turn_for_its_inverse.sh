@@ -5,7 +5,7 @@
 # projection onto its axis. Only the identity and half turns are right.
 # Law: the matrix of a product is the product of matrices, that of the inverse is the transpose, and the determinant is
 # 1. SciPy 1.17.1 has the matrix.
-# Upstream: no issue of github.com/pvangoor/pylie that was found tells it.
+# Upstream: no issue of github.com/pvangoor/pylie that was found describes it.
 # The part of the library's own `Adjoint` that belongs to the vector is right.
 # Prints the errors for some angles, and fails if that changes.
 set -euo pipefail

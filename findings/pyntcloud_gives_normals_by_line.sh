@@ -6,7 +6,7 @@
 # If vertices share a normal, as in a plane, most points have none.
 # Law: the order of the `vn` lines must not matter where the faces' indices follow it. On a unit sphere, the normal of
 # each point is the point.
-# Upstream: no issue of github.com/daavoo/pyntcloud that was found tells it.
+# Upstream: no issue of github.com/daavoo/pyntcloud that was found describes it.
 # `mesh` is right: the normal of the vertex `v1` is on line `vn1`. pandas is 1.5.3, as 2.3.3 refuses the faces.
 # Prints the angles between normals for three orders of the same file, and fails if that changes.
 set -euo pipefail

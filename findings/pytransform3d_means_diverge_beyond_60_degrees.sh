@@ -5,7 +5,7 @@
 # covariance is taken about that mean. Nothing warns.
 # The documented iteration takes log(x m^-1), and multiplies the mean by an exponential on the left. The library takes
 # log(m^-1 x), which belongs on the right. `estimate_gaussian_rotation_matrix_from_samples` has the same fault.
-# Upstream: no issue of github.com/dfki-ric/pytransform3d that was found tells it.
+# Upstream: no issue of github.com/dfki-ric/pytransform3d that was found describes it.
 # Take the poses relative to one of them before, and multiply the mean by it afterwards.
 # Prints both estimates for samples of the library's own `random_transform`, and fails if that changes.
 set -euo pipefail

@@ -6,7 +6,7 @@
 # tilts by half the inclination of the field, by 30 degrees for one of 60.
 # Law: the attitude of a body at rest agrees with both measurements, if both are right. In the filter of Mahony and
 # others, the reference is the measured field itself, turned to the world and then to a horizontal axis there.
-# Upstream: no issue of github.com/RQM-Technologies-dev/qsp-orientation that was found tells it.
+# Upstream: no issue of github.com/RQM-Technologies-dev/qsp-orientation that was found describes it.
 # The library's `madgwick_update` keeps the body level. `mahony_update` does so with the part of the field that is
 # orthogonal to the acceleration.
 # Prints the tilt after two minutes for some inclinations, and fails if that changes.

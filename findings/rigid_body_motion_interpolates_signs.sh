@@ -7,7 +7,7 @@
 # Law: the signs of the quaternions must not matter; tf2 takes the shorter way.
 # `squad` of numpy-quaternion does the work. Its documentation excludes changes of sign. That of rigid-body-motion
 # excludes nothing.
-# Upstream: no issue of github.com/phausamann/rigid-body-motion that was found tells it.
+# Upstream: no issue of github.com/phausamann/rigid-body-motion that was found describes it.
 # Apply `quaternion.unflip_rotors` to the rotations before `register_frame`.
 # Prints errors of both, and fails if that changes.
 set -euo pipefail

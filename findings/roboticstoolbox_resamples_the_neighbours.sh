@@ -5,7 +5,7 @@
 # rows, an observation cannot tell them apart: the wrong one has 4.5 % of the weight, and gets half of the particles. In
 # rows that are sorted by hypothesis, it gets its share. The order of particles must not matter.
 # From uniform particles, half of the copies of a good one are of its neighbour, which may be anywhere.
-# Upstream: no issue of github.com/petercorke/robotics-toolbox-python that was found tells it.
+# Upstream: no issue of github.com/petercorke/robotics-toolbox-python that was found describes it.
 # Prints the weight and the share of the wrong hypothesis after one observation, and fails if that changes.
 set -euo pipefail
 folder=$(mktemp -d)

@@ -5,7 +5,7 @@
 # The usual iteration for the mean of orientations, exp(p, mean of log(p, q)), runs away from them.
 # The length of the logarithm is right, and so are distances.
 # Law: exp(p, log(p, q)) = q.
-# Upstream: no issue of github.com/glotzerlab/rowan that was found tells it.
+# Upstream: no issue of github.com/glotzerlab/rowan that was found describes it.
 # With its arguments exchanged, `riemann_log_map(q, p)`, it is the inverse.
 # Prints angles to q, and to the true mean in each iteration, for both orders, and fails if that changes.
 set -euo pipefail

@@ -7,7 +7,7 @@
 # In 8 of 20 series, the likelihood falls.
 # Law: a step of expectation maximization never lowers the likelihood of the data. The right step comes from the joint
 # Gaussian of all states, by linear algebra alone; it raises the likelihood of all 20 series.
-# Upstream: no issue of github.com/oseiskar/simdkalman that was found tells it. A comment there calls `em` undocumented.
+# Upstream: no issue of github.com/oseiskar/simdkalman that was found describes it. A comment there calls `em` undocumented.
 # `compute(gains=True)` has the right covariances; a step of one's own has to take those at j - 1.
 # Prints the process noise and the likelihood after one step, and fails if that changes.
 set -euo pipefail

@@ -4,7 +4,7 @@
 # their signs, so 120 degrees become -60. The exponential of that logarithm is another pose, metres away. Nothing warns.
 # Logarithms in space, of `SE3`, are right for the same motions.
 # Law: the exponential of the logarithm is the pose itself.
-# Upstream: no issue of github.com/bdaiinstitute/spatialmath-python that was found tells it.
+# Upstream: no issue of github.com/bdaiinstitute/spatialmath-python that was found describes it.
 # Prints headings and positions before and after, and fails if that changes.
 set -euo pipefail
 folder=$(mktemp -d)

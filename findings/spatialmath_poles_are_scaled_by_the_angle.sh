@@ -4,7 +4,7 @@
 # that drives a circle about (1, 2), the centre comes out at (0.1, 0.2) for a step of 0.1 rad, and at
 # (1.5, 3) for one of 1.5 rad. It is right for an angle of 1 rad alone. The line of a `Twist3`, `line()`, is right.
 # Law: the motion leaves its centre where it is; a screw motion moves a point of its axis along the axis alone.
-# Upstream: no issue of github.com/bdaiinstitute/spatialmath-python that was found tells it.
+# Upstream: no issue of github.com/bdaiinstitute/spatialmath-python that was found describes it.
 # Prints the poles of motions about one centre, and fails if that changes.
 set -euo pipefail
 folder=$(mktemp -d)

@@ -6,7 +6,7 @@
 # ever, for a value of 47 dollars. `step` plays the true game, in which that policy loses.
 # Law: R(s, a, s') is the expected reward of the transition (Sutton and Barto, equation 3.6). The mean over steps is it.
 # Paper: van Hasselt, Double Q-learning, 2010, section 4.1: each bet has an expected loss of $0.053.
-# Upstream: no issue of github.com/prabhatnagarajan/table-rl that was found tells it.
+# Upstream: no issue of github.com/prabhatnagarajan/table-rl that was found describes it.
 # An `R` that is computed from `env.win` and `env.probs` makes the planner leave.
 # Prints values and means, and fails if that changes.
 set -euo pipefail

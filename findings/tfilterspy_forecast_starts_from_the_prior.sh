@@ -5,7 +5,7 @@
 # forecast of the next one has a standard deviation of 10 m in place of 0.08 m. If `P0` is small, it is overconfident.
 # Law: to keep a history changes no number. The covariance of a forecast follows from the filter's last one. For a
 # filter in its steady state, it does not depend on `P0`.
-# Upstream: no issue of github.com/ubunye-ai-ecosystems/tfilterspy that was found tells it.
+# Upstream: no issue of github.com/ubunye-ai-ecosystems/tfilterspy that was found describes it.
 # The forecast states are right. With `store_covariances=True`, the covariances are right too.
 # Prints the standard deviations of forecasts, and fails if that changes.
 set -euo pipefail

@@ -5,7 +5,7 @@
 # right, and the others are not. An estimate without any error, in a world that is turned by 120 degrees about the
 # vertical, gets an error of 7 m. In a world with the axes of a camera, orientations are wrong by 127 degrees too.
 # Law: a motion of the world keeps relative poses. Exact ones that begin at the true pose are the true poses.
-# Upstream: no issue of github.com/gereon-t/trajectopy that was found tells it.
+# Upstream: no issue of github.com/gereon-t/trajectopy that was found describes it.
 # `align` rotates positions and orientations. To match the first pose alone, use `Trajectory.transform`.
 # Prints the errors after both, for four worlds, and fails if that changes.
 set -euo pipefail

@@ -4,7 +4,7 @@
 # A room of 4 m becomes 131 km wide, without a warning, though the file says that its reader must know the extension.
 # Numbers in floating point and integers without the mark are read right. glTF-Transform quantises this way, and
 # gltfpack does with -vpn.
-# Upstream: no issue of github.com/mikedh/trimesh that was found tells it. Assimp has the same fault, by its open pull
+# Upstream: no issue of github.com/mikedh/trimesh that was found describes it. Assimp has the same fault, by its open pull
 # request github.com/assimp/assimp/pull/6765.
 # Prints the sizes that are read, and fails if that changes.
 set -euo pipefail

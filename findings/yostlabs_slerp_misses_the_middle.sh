@@ -6,7 +6,7 @@
 # opposite signs, a turn by 90 degrees is up to 11 degrees off.
 # Law: the middle from a to b is that from b to a. A quaternion and its negative are one rotation, and the speed is
 # constant. SciPy 1.17.1 interpolates so.
-# Upstream: no issue of github.com/YostLabs/3SpacePythonPackage that was found tells it.
+# Upstream: no issue of github.com/YostLabs/3SpacePythonPackage that was found describes it.
 # Prints the errors for some turns, and fails if that changes.
 set -euo pipefail
 folder=$(mktemp -d)

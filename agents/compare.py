@@ -77,7 +77,7 @@ def main(args: Args) -> int:
         print(f"{part.scenario[0]}: {', '.join(part.names)}; {part.episodes} episodes each.", flush=True)
         try:
             summary = compare(part)
-        except (ValueError, ChildProcessError) as error:  # it is told when the other scenarios are over
+        except (ValueError, ChildProcessError) as error:  # reported when the other scenarios are over
             failed[part.scenario[0]] = error
             continue
         if summary is None:

@@ -172,7 +172,7 @@ class FrontEnd:
     def step(self, image: np.ndarray, time_s: float, u: np.ndarray | None = None) -> FrameLog:
         """Go on to the ``image`` (h, w) uint8 of ``time_s`` [s], under the known accelerations ``u`` (6,), if any.
 
-        One that repeats the last image shows the camera where it was then, and tells nothing of where it is.
+        One that repeats the last image shows the camera where it was then, and is no measurement of where it is.
         """
         began, s, last = time.thread_time(), self.settings, self._image
         self._take(image)

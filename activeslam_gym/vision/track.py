@@ -65,7 +65,7 @@ CONTRADICTED = (
     "before the camera, the picture was changed (zoom, interlacing, letters in it), the hand was too quick, or it was "
     "too dark"
 )
-REPLACED = "the target contradicted the map, which was begun again {} times: poses before may be wrong"
+REPLACED = "the map was replaced {} times, where the target contradicted it: poses before may be wrong"
 """The words for a track whose motion the images do not tell, and for one that they contradict."""
 Item = TypeVar("Item")
 _CORNER_STD = 0.35  # of the target's corners in the first image: aliasing and the lens [px]

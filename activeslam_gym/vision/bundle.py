@@ -48,10 +48,12 @@ class Geometry(NamedTuple):
 
 def tangents(d: np.ndarray) -> np.ndarray:
     """(..., 3, 2) two unit vectors across each of the unit vectors ``d`` (..., 3), and each other."""
-    axis = np.where(np.abs(d[..., :1]) < 0.6, (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
-    u = np.cross(d, axis)
-    u /= np.linalg.norm(u, axis=-1, keepdims=True)
-    return np.stack((u, np.cross(d, u)), axis=-1)
+    x, y, z = np.moveaxis(d, -1, 0)
+    zero = np.zeros_like(x)
+    u = np.where(np.abs(x) < 0.6, (zero, z, -y), (-z, zero, x))  # d x (1, 0, 0), or d x (0, 1, 0)
+    u /= np.linalg.norm(u, axis=0)
+    v = y * u[2] - z * u[1], z * u[0] - x * u[2], x * u[1] - y * u[0]  # of one vector, NumPy's cross takes 60 us more
+    return np.ascontiguousarray(np.moveaxis(np.array((u, v)), (0, 1), (-1, -2)))
 
 
 class Bundle:

@@ -41,11 +41,16 @@ def camera_error(true_camera: np.ndarray, camera: np.ndarray) -> np.ndarray:
 
 @compiled
 def nees(error: np.ndarray, covariance: np.ndarray) -> float:
-    """Normalised estimation error squared e^T P^-1 e; inf where P (n, n) is not positive definite."""
-    U = covariance.copy()
+    """Normalised estimation error squared e^T P^-1 e of e (n,); inf where P (n, n) is not positive definite.
+
+    Raises:
+        ValueError: the sizes differ.
+    """
+    if covariance.shape != (error.shape[0], error.shape[0]):
+        raise ValueError("error must be (n,), and covariance (n, n)")
+    U, e = covariance.astype(np.float64), error.astype(np.float64)
     if not cholesky_in_place(U):
         return np.inf
-    e = error.copy()
     solve_transposed_vector(U, e)
     return sum_of_squares(e)
 

@@ -23,11 +23,10 @@ CURVES = ("entropy", "log_score", "position_error", "landmarks_mapped")
 
 
 def begin(scenario: Any, path: str) -> None:
-    """Open the file, and log what stays: the axes, the room and both cameras' lenses."""
+    """Open the file, and log what stays: the axes and both cameras' lenses."""
     rr.init("activeslam_gym")
     rr.save(path)
     rr.log("world", rr.ViewCoordinates.LUF, static=True)
-    rr.log("world/room", rr.Boxes3D(half_sizes=[np.array(scenario.room_size) / 2]), static=True)
     lens = {
         "focal_length": scenario.focal_px,
         "principal_point": (scenario.principal_x_px, scenario.principal_y_px),
@@ -42,6 +41,7 @@ def log(core: Any, info: dict[str, Any]) -> None:
     """Log the present moment: `run_episode` calls it after the reset and after every step."""
     now = core.snapshot()
     rr.set_time("time", duration=now.time)
+    rr.log("world/room", rr.Boxes3D(half_sizes=[now.room_size / 2]))
     for camera, at in {"truth": now.truth, "belief": now.belief}.items():
         pose = rr.Transform3D(translation=at.position, quaternion=np.roll(at.quaternion, -1))
         rr.log(f"world/{camera}", pose)

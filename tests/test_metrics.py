@@ -17,6 +17,10 @@ def test_camera_error_is_the_tangent_vector_and_nees_its_quadratic_form() -> Non
     np.testing.assert_allclose(camera_error(moved(camera, e), camera), e, atol=1e-14)
     assert nees(e, P) == pytest.approx(e @ np.linalg.solve(P, e))
     assert nees(e, -P) == np.inf
+    whole = np.array([1, 2]), np.array([[4, 1], [1, 3]])
+    assert nees(*whole) == pytest.approx(15.0 / 11.0)
+    with pytest.raises(ValueError, match=r"error must be \(n,\)"):
+        nees(np.ones(3), np.eye(2))
 
 
 def test_factor_is_numpys_and_the_log_density_the_normal_distributions() -> None:

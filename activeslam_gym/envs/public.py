@@ -88,6 +88,11 @@ class SingleReads(Scores):
         return truth_of(self._run.world, self._scenes()[0])
 
     @property
+    def room_size(self) -> np.ndarray:
+        """(3,) the present room's size along X, Y, Z [m]; the scenario has that of a room that no episode varies."""
+        return 2.0 * self._run.models.motion.half
+
+    @property
     def labels(self) -> Labels:
         """Data association by the hidden labels; read-only copies for the evaluator, never for policies."""
         run, count = self._run, int(self._run.episode.detection_count)

@@ -336,7 +336,7 @@ class _Recorder:
                 **_final(core),
                 "lost": bool(lost[:, i].any()),
                 "events": {key: count[:, i] for key, count in events.items()},
-                "room_size": np.array(core.scenario.room_size, dtype=float),
+                "room_size": core.room_size,
             }
             episode = Episode(policy=name, seed=seed, settings=settings, **record)
             for measure in self._observers[i]:

@@ -21,7 +21,7 @@ from activeslam_gym.slam.detection import WAITS, distance_by_own_noise
 from activeslam_gym.slam.sight import INSIDE, Sight
 
 MEMORY = 0.5  # of the running mean [s]
-LIMIT = 2.5  # of the running mean; in `paper`, 2 800 runs that were not wrong kept under 2.3 (docs/consistency.md)
+LIMIT = 2.5  # of the running mean; in `paper`, 2 800 runs that were not wrong kept under 2.3 (at commit fbfc631b)
 LEAST, MOST = 3, 10.0  # fiducials that a frame must tell of; the most that one of them counts in a frame
 
 

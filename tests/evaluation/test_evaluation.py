@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from activeslam_gym.config import SCENARIOS
-from activeslam_gym.evaluation import Episode, Store, code, row_of
+from activeslam_gym.evaluation import Episode, Store, code, row_of, run_episode
 from agents.task import Task, make_environment, play_tasks, run_policy
 from tests.support import assert_same_record
 
@@ -52,6 +52,14 @@ def test_a_batch_plays_the_episodes_of_single_environments(case: str) -> None:
         assert_same_record(one, other)
     assert together[0]["notes.looks"] == 7
     assert len(together[0]["times"]) == 4  # kept: one a second
+
+
+def test_a_record_has_the_size_of_the_room_that_the_episode_drew() -> None:
+    env = make_environment({"scenario": "mixed", "duration": 1.0})
+    episodes = [run_episode(env, lambda env: env.action_space.sample(), seed) for seed in range(3)]
+    for episode in episodes:
+        assert (np.abs(episode.true_landmarks) <= 0.5 * episode.room_size + 1e-9).all()
+    assert len({tuple(episode.room_size) for episode in episodes}) == 3
 
 
 def test_samples_of_a_period_are_the_nearest_of_all_and_the_last() -> None:

@@ -55,6 +55,7 @@ def number_from(what: str, function: Callable[..., Any], *arguments: Any, where:
         ValueError: it fails, or returns anything else; the message begins with ``what``, and tells ``where``.
     """
     value = asked(what, function, *arguments, where=f" {where}")
+    value = value.item() if isinstance(value, np.generic) else value  # one of 32 bits overflows beside the greatest
     if not isinstance(value, numbers.Real) or not abs(value) < _GREATEST:  # type: ignore[operator]
         raise ValueError(f"{what} must return a finite number {where}, got {value!r:.300}")
     return float(value)

@@ -176,7 +176,8 @@ def _rate(policy: str, settings: str) -> str:
     if period := policies.period_of(policy):
         return f"{policy} decides every {period:g} s, as the card beside it says."
     other = '--gaze-period, or {"decision_period": …} in NAME.json beside NAME.zip'
-    return f"{policy} decides every {_resolved(settings)['gaze_period']:g} s. Was it trained at another rate? {other}."
+    asked = "" if json.loads(settings).get("gaze_period") else f" Was it trained at another rate? {other}."
+    return f"{policy} decides every {_resolved(settings)['gaze_period']:g} s.{asked}"
 
 
 def _step_once(tasks: tuple[Task]) -> None:

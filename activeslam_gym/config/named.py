@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 from activeslam_gym.config.filter import DEPTH_PARTICLES
@@ -138,7 +138,9 @@ def fields_of(scenario: Scenario) -> dict[str, Any]:
 
 
 def scenario_from(value: str | Mapping[str, Any] | Scenario) -> Scenario:
-    """A `Scenario` from its name, from a dict of fields (absent ones as in ``paper``), or as it is.
+    """A `Scenario` from its name, from a dict of fields, or as it is.
+
+    Absent fields of a dict are those of the named scenario whose ``name`` it has, or else those of ``paper``.
 
     Raises:
         ValueError: the name or a field is unknown, or a field is outside its range.
@@ -156,4 +158,4 @@ def scenario_from(value: str | Mapping[str, Any] | Scenario) -> Scenario:
     if unknown := [key for key in value if key not in known]:
         named = ", ".join(f"{key}{did_you_mean(key, known)}" for key in unknown)
         raise ValueError(f"scenario has no field {named}; its fields are {', '.join(known)}")
-    return Scenario(**{"name": "custom", **value})
+    return replace(SCENARIOS.get(str(value.get("name")), Scenario(name="custom")), **value)

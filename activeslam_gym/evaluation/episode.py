@@ -383,7 +383,7 @@ def _final(core: Any) -> dict[str, Array]:
 
 def _motions_and_gazes(actions: Any, count: int) -> Array:
     """(R, 2) motions and gazes of R actions: pairs, integers of the discrete action space, or the nearest of points."""
-    rows = np.reshape(actions, (count, -1))
+    rows = np.asarray(actions).reshape(count, -1)
     if rows.shape[1] == 1:
         rows = np.hstack(np.divmod(rows, len(Gaze)))
     if rows.shape[1] == 4:

@@ -82,11 +82,21 @@ class LearnedPolicy:
 
     It decides every ``decision_period`` seconds of the environment, as it was trained to, and holds its action in
     between: the network is asked only where a decision is due.
+
+    Raises:
+        ValueError: the weights do not fit the observation, or a wrapper of ``env`` changes it.
     """
 
     def __init__(self, env: Environment, weights: dict[str, np.ndarray], card: dict[str, Any]) -> None:
         self.card = card
         self._env = core_of(env)
+        given, own = env.observation_space, self._env.observation_space
+        if (
+            not isinstance(given, spaces.Box)
+            or given.shape != own.shape
+            or np.any((given.low != own.low) | (given.high != own.high))
+        ):
+            raise ValueError("env: a wrapper changes its observations; allowed: those of the environment itself")
         decision_period = float(card["decision_period"])
         self._hold = whole_multiple("decision_period", decision_period, "gaze_period", self._env.gaze_period)
         firsts = [value for name, value in weights.items() if name.endswith("features_extractor.globals.0.weight")]

@@ -184,7 +184,10 @@ def test_a_learned_policy_acts_in_single_batch_discrete_and_larger_environments(
     for scenario in ({"landmark_count": 60}, "office"):
         acts(gym.make("ActiveSLAM-v0", scenario=scenario, gaze_period=0.25), weights)
     with pytest.raises(ValueError, match="observation: of shape"):
-        acts(gym.wrappers.FrameStackObservation(gym.make("ActiveSLAM-v0"), 2), weights)
+        agents.load(str(weights), gym.make("ActiveSLAM-v0")).predict(np.zeros(3))
+    for wrap in (lambda env: gym.wrappers.FrameStackObservation(env, 2), gym.wrappers.NormalizeObservation):
+        with pytest.raises(ValueError, match="a wrapper changes its observations"):
+            acts(wrap(gym.make("ActiveSLAM-v0")), weights)
 
 
 def test_it_holds_its_action_between_its_decisions(trained: Path) -> None:

@@ -3,7 +3,7 @@
 import itertools
 import json
 import re
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import gymnasium as gym
@@ -89,6 +89,13 @@ def test_json_and_numpy_hand_back_the_same_scenario() -> None:
         }
         assert scenario_from({**fields, **arrays}) == given == scenario
         assert types_of(tuple(asdict(given).values())) == types_of(tuple(fields.values()))
+
+
+def test_absent_fields_of_a_dict_are_those_of_the_scenario_of_its_name() -> None:
+    """They were the ones of `paper`, under a header that said office."""
+    assert scenario_from({"name": "office", "pixel_std": 2.0}) == replace(SCENARIOS["office"], pixel_std=2.0)
+    for fields in ({"pixel_std": 2.0}, {"name": "own", "pixel_std": 2.0}):
+        assert scenario_from(fields) == Scenario(**{"name": "custom", **fields})
 
 
 STEPS: tuple[tuple[Any, dict[str, float], float], ...] = (

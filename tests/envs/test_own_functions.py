@@ -88,6 +88,13 @@ def test_a_lost_filter_scores_nan_asks_no_criterion_of_one_s_own_and_best_stays(
     assert best(np.array([[np.nan] * 3, [np.nan, 0.0, -1.0]])).tolist() == [Gaze.STAY, Gaze.LEFT]
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_reward_may_be_a_number_of_32_bits() -> None:
+    env = gym.make("ActiveSLAM-v0", reward=lambda e: np.float32(e.log_score))
+    env.reset(seed=0)
+    assert math.isfinite(float(env.step(np.zeros(2, int))[1]))
+
+
 def accuracy(e: Any) -> float:
     return -math.log2(1e-3 + e.position_error)
 

@@ -54,6 +54,12 @@ def test_a_batch_plays_the_episodes_of_single_environments(case: str) -> None:
     assert len(together[0]["times"]) == 4  # kept: one a second
 
 
+def test_actions_may_be_tensors() -> None:
+    torch = pytest.importorskip("torch")
+    env = make_environment({"duration": 1.0})
+    assert run_episode(env, lambda env: torch.tensor([2, 1]), 0).actions.tolist() == [[2, 1]] * 4
+
+
 def test_a_record_has_the_size_of_the_room_that_the_episode_drew() -> None:
     env = make_environment({"scenario": "mixed", "duration": 1.0})
     episodes = [run_episode(env, lambda env: env.action_space.sample(), seed) for seed in range(3)]

@@ -92,11 +92,14 @@ class Adviser:
     """Scores the motions of a camera in the hand, one an image, and advises the best at the end of each second.
 
     The candidates are scored in the last images of the second, so that their scores are fresh; where there are fewer
-    images than motions, or images are missing, several share one.
+    images than motions, or images are missing, several share one. Motions end inside the walls of the scenario's room,
+    if it has ``walls``.
     """
 
-    def __init__(self, scenario: Scenario, front_end: FrontEnd, seed: np.random.SeedSequence) -> None:
+    def __init__(self, scenario: Scenario, front_end: FrontEnd, seed: np.random.SeedSequence, walls: bool) -> None:
         self.expected, self._motion = ExpectedMap(scenario, front_end, seed), motion_of(scenario, PERIOD)
+        if not walls:
+            self._motion.half[:] = np.inf
         self._frames = max(2, round(PERIOD / scenario.frame_time))
         self._plans, self._criterion = motion_plans(self._frames), list(CRITERIA).index(CRITERION)
         self._open_loops = np.zeros(1, OPEN_LOOP)  # all motions' alike

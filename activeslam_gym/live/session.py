@@ -163,8 +163,8 @@ class Session:
     def _begin(self, at: float, image: np.ndarray) -> None:
         self.front_end = self.source.start(image)
         self._zero, self._time = at, 0.0
-        seed = np.random.SeedSequence((self._seed, 1))
-        self.adviser = Adviser(self.source.scenario, self.front_end, seed)
+        seed, walls = np.random.SeedSequence((self._seed, 1)), self.source.person is not None
+        self.adviser = Adviser(self.source.scenario, self.front_end, seed, walls)
 
     def _track(self, front_end: FrontEnd) -> None:
         assert self.adviser

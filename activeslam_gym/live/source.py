@@ -181,7 +181,7 @@ class RealCamera:
         image = np.clip(texture, 0.0, 255.0).astype(np.uint8)
         front_end = FrontEnd(Filter(self.scenario))
         front_end.start(image, 0.0, np.zeros(0, np.int64), np.zeros((0, 2)))
-        adviser = Adviser(self.scenario, front_end, np.random.SeedSequence(0))
+        adviser = Adviser(self.scenario, front_end, np.random.SeedSequence(0), False)
         for k in range(1, round(2.0 * self._rate) + 1):
             front_end.step(np.roll(image, k, axis=1), k / self._rate)
             adviser.consider(k / self._rate)

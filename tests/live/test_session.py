@@ -29,7 +29,7 @@ from activeslam_gym.live.source import (
     RenderedRoom,
 )
 from activeslam_gym.live.state import Standing, State
-from activeslam_gym.motion import Motion, motion_of
+from activeslam_gym.motion import Motion, goal_of, motion_of
 from activeslam_gym.vision.frontend import MATCHED
 from activeslam_gym.vision.other_lenses import lens_from
 from activeslam_gym.vision.sources import Frame, images_of
@@ -194,6 +194,16 @@ def test_a_recorded_sequence_is_followed_and_advised_at_its_rate(tmp_path: Path)
     assert known > 8 and not points[:known].any(), "no template can be drawn from there"
     session.restart()
     assert session.step().frame == 1
+
+
+def test_a_motion_of_a_real_camera_is_30_cm_long_wherever_it_is(walk: Any) -> None:
+    """Goals ended in an invisible box about the target, 1.1 m from it."""
+    real, rendered = Session(Shown([image_from(path(1)[0], target=True)])), walk[0]
+    real.step()
+    far = pose_at((2.0, -1.5, -4.0))
+    ways = [goal_of(real.adviser._motion, far, motion) - far[:3] for motion in Motion]
+    np.testing.assert_allclose(np.linalg.norm(ways, axis=1), [0.3] * 6 + [0.0], atol=1e-9)
+    assert np.abs(goal_of(rendered.adviser._motion, far, Motion.FORWARD)[2]) < 0.5 * ROOM.room_size[2], "it has walls"
 
 
 def test_corners_of_a_target_are_mapped_with_the_first_image(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -56,12 +56,14 @@ class Device(RealCamera):
         camera: str | None = None,
         kept: str | None = None,
     ) -> None:
-        self._images: Queue[Frame] = Queue(1)
+        self._images: Queue[tuple[Any, Frame]] = Queue(1)  # and the connections that they came over
         self._frame: Frame | None = None
+        self._filmed: Any = None  # the connection of the last image
         self._filming: Any = None
         self._newest = -math.inf  # time of an image from any connection
         self._kept = "They are not kept." if kept is None else f"They are kept there, with the trajectory, in {kept}."
         self._board_calibration = BoardCalibration() if calibration is None else None
+        self._calibrates = "Calibration"
         self._waved = calibration is None and target is None
         self._rest: tuple[float, View] | None = None  # since when, and where the board is
         self._time = 0.0  # of the last image
@@ -81,14 +83,20 @@ class Device(RealCamera):
         return self._board_calibration is not None
 
     def restart(self) -> None:
-        """Start again; the device goes on."""
+        """Start again, without the views of a calibration; the device goes on."""
+        if self._board_calibration is not None:
+            self._board_calibration, self._calibrates = BoardCalibration(), "Calibration from the start"
 
     def wait(self, seconds: float) -> bool:
         """Whether an image comes within so many ``seconds``."""
-        try:
-            self._frame = self._frame or self._images.get(timeout=seconds)
-        except Empty:
-            return False
+        if self._frame is None:
+            try:
+                connection, self._frame = self._images.get(timeout=seconds)
+            except Empty:
+                return False
+            if self._filmed not in (None, connection):
+                self.restart()  # another device may have another lens
+            self._filmed = connection
         return True
 
     def next(self) -> Frame:
@@ -126,7 +134,7 @@ class Device(RealCamera):
         """Take in an ``image`` (h, w) of the board. Raises GuidanceError: the lens is not known yet."""
         words = views.add(image)
         if views.fit is None:
-            raise GuidanceError(f"Calibration: {words}")
+            raise GuidanceError(f"{self._calibrates}: {words}")
         self._see_through(views.fit.calibration)
         self._board_calibration = None
         with written_whole(self._file) as unfinished:
@@ -177,7 +185,7 @@ class Device(RealCamera):
                     zero = max(time.monotonic(), self._newest + 1.0 / self._rate) - seconds
                 while zero + seconds > self._newest and self._filming is connection and connection.state == OPEN:
                     try:
-                        self._images.put_nowait((zero + seconds, image))
+                        self._images.put_nowait((connection, (zero + seconds, image)))
                         self._newest = zero + seconds
                     except Full:
                         await asyncio.sleep(_NAP)

@@ -36,7 +36,9 @@ from activeslam_gym.live.page import Page
 from activeslam_gym.live.source import ROOM, GuidanceError
 from activeslam_gym.live.state import Standing, State
 from activeslam_gym.motion import Motion
+from activeslam_gym.vision.board import BOARD
 from activeslam_gym.vision.frontend import Searched
+from activeslam_gym.vision.target import printed
 from tests.support import until
 from tests.vision_scene import LENS
 
@@ -232,6 +234,25 @@ def test_a_page_that_films_from_afar_is_encrypted(device: Any) -> None:
         device._frame = (0.0, np.zeros(shape, np.uint8))
         with pytest.raises(GuidanceError, match=words):
             device.next()
+
+
+def test_views_of_a_calibration_are_of_one_device_and_one_run(device: Any, tmp_path: Path) -> None:
+    """A lens was fitted to the views of two devices, of two focal lengths."""
+    unknown, at = Device(None, None, 5.0, tmp_path / "own.json"), iter(range(99))
+    board = cv2.resize(printed(BOARD), (420, 300), interpolation=cv2.INTER_AREA)
+    image = cv2.copyMakeBorder(board, 90, 90, 110, 110, cv2.BORDER_CONSTANT, value=255)
+
+    def filmed(connection: str) -> str:
+        for _ in range(2):  # the board rests
+            unknown._images.put((connection, (next(at) / 5.0, image)))
+            with pytest.raises(GuidanceError) as said:
+                unknown.start(unknown.next()[1])
+        return str(said.value)
+
+    said = [filmed("A"), filmed("B")]
+    unknown.restart()
+    for words, start in zip([*said, filmed("B")], ("", " from the start", " from the start"), strict=True):
+        assert words.startswith(f"Calibration{start}: ") and words.endswith("(1 views so far).")
 
 
 def test_the_page_closes_while_a_device_films(device: Any) -> None:

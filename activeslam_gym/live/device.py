@@ -5,6 +5,7 @@ import json
 import math
 import struct
 import time
+from contextlib import suppress
 from html import escape
 from pathlib import Path
 from queue import Empty, Full, Queue
@@ -28,8 +29,6 @@ _ROUGHLY: tuple[Calibration, Straighten] = (Calibration(640, 480, 520.0, 319.5, 
 """A lens until the true one is known."""
 _REST, _AT_REST = 2.0, 0.01
 """Time for which a board that was waved must rest [s], after the words are read; and way of its corners, in widths."""
-_LONGEST = 2**20
-"""Most bytes of an image."""
 _NAP = 0.005
 """Time between two looks whether the tracker has taken an image [s]."""
 
@@ -177,9 +176,10 @@ class Device(RealCamera):
             self._closing = asyncio.create_task(before.close(1000, "Another device films now."))
         try:
             async for message in connection:
-                seconds, image = _unpacked(message)
-                if image is None:
-                    await connection.close(1003, "What was sent is no image.")
+                try:
+                    seconds, image = _unpacked(message, max(self._calibration[:2]))
+                except ValueError as error:
+                    await connection.close(1003, str(error))
                     return
                 if zero is None:
                     zero = max(time.monotonic(), self._newest + 1.0 / self._rate) - seconds
@@ -194,13 +194,19 @@ class Device(RealCamera):
             pass
 
 
-def _unpacked(message: Any) -> tuple[float, np.ndarray | None]:
-    """The time [s] and the grey image (h, w) uint8 of a ``message``; None where it holds none."""
-    if not isinstance(message, bytes) or not 8 < len(message) <= _LONGEST:
-        return 0.0, None
-    cv2, (seconds,) = opencv(), struct.unpack_from("<d", message)
-    try:
-        image = cv2.imdecode(np.frombuffer(message, np.uint8, offset=8), cv2.IMREAD_GRAYSCALE)
-    except cv2.error:
-        image = None
-    return seconds, image if math.isfinite(seconds) else None
+def _unpacked(message: Any, side: int) -> tuple[float, np.ndarray]:
+    """The time [s] and the grey image (h, w) uint8 of a ``message``.
+
+    Raises:
+        ValueError: it holds none, or has more bytes than a colour image of ``side`` x ``side`` pixels.
+    """
+    if len(message) > (most := 3 * side**2):
+        raise ValueError(f"The image has {len(message)} bytes; at most {most} are taken.")
+    cv2, seconds, image = opencv(), math.nan, None
+    if isinstance(message, bytes) and len(message) > 8:
+        (seconds,) = struct.unpack_from("<d", message)
+        with suppress(cv2.error):
+            image = cv2.imdecode(np.frombuffer(message, np.uint8, offset=8), cv2.IMREAD_GRAYSCALE)
+    if image is None or not math.isfinite(seconds):
+        raise ValueError("What was sent is no image.")
+    return seconds, image

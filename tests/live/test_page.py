@@ -277,9 +277,11 @@ async def sent(address: str, device: Device) -> list[float]:
                 at, image = device.next()
                 times.append(at)
                 assert image.shape == (240, 320)
-        await sender.send(b"nonsense, of some length")
-        with pytest.raises(ConnectionClosed, match="no image"):
-            await sender.recv()
+    for message, words in ((b"nonsense, of some length", "no image"), (bytes(307201), "307201 bytes; at most 307200")):
+        async with connect(address, ssl=TRUSTING) as sender:
+            await sender.send(message)
+            with pytest.raises(ConnectionClosed, match=words):
+                await sender.recv()
     return times
 
 

@@ -98,9 +98,8 @@ def _run(session: Session, page: Page, seconds: float) -> None:
             time.sleep(_NAP)
             clock = Clock(source)
         elif not isinstance(source, Device) or source.wait(_NAP):
-            state = session.step()
+            state = session.step(clock.tick())
             over = state.standing == Standing.OVER
-            state.rate = clock.tick()
             page.show(state)
             clock.wait()
 
@@ -117,7 +116,7 @@ class Clock:
         self._ticks: deque[float] = deque(maxlen=_RATE_IMAGES + 1)
 
     def tick(self) -> float:
-        """Count a state; the present rate [Hz]."""
+        """Count an image; the present rate [Hz]."""
         self._ticks.append(time.monotonic())
         passed = self._ticks[-1] - self._ticks[0]
         return (len(self._ticks) - 1) / passed if passed > 0.0 else 0.0

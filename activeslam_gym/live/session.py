@@ -120,14 +120,16 @@ class Session:
         if self._recording is not None:
             self._recording.close()
 
-    def step(self) -> State:
-        """The state after the next image; the last one again, as OVER, where there is none. It is recorded, unless its
-        image only waited for the target, or was refused, so that a replay starts as the run did.
+    def step(self, rate: float = 0.0) -> State:
+        """The state after the next image, at a ``rate`` of images [Hz]; the last one again, as OVER, where there is
+        none. It is recorded, unless its image only waited for the target, or was refused, so that a replay starts as
+        the run did.
 
         Raises:
             ValueError: an image cannot be read, or the first one does not show the target.
         """
         state, source = self._stepped(), self.source
+        state.rate = rate
         if self._folder is not None and state.standing not in (Standing.WAITING, Standing.OVER):
             if self._recording is None:
                 room = None if source.person is None else source.scenario.room_size

@@ -251,7 +251,7 @@ def test_a_map_that_contradicts_the_images_is_unsure_until_a_restart() -> None:
 def test_a_recording_that_was_cut_off_has_its_images_states_trajectory_and_log(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     show = Session(RenderedRoom(2), 2, folder)
-    states = [show.step() for _ in range(20)]
+    states = [show.step(15.0) for _ in range(20)]
     show._recording = None  # as when the process is killed: what is on disk must be enough
     poses = np.loadtxt(folder / "trajectory.tum")
     np.testing.assert_allclose(poses[:, 1:4], [state.camera[:3] for state in states], atol=1e-6)
@@ -260,6 +260,7 @@ def test_a_recording_that_was_cut_off_has_its_images_states_trajectory_and_log(t
     for line, state in zip((folder / "states.jsonl").read_text().splitlines(), states, strict=True):
         kept = json.loads(line)
         assert kept["frame"] == state.frame and kept["time"] == state.time and kept["command"] == state.command
+        assert kept["rate"] == 15.0
         np.testing.assert_allclose(np.reshape(kept["points"], (-1, 3)), state.points, rtol=1e-5, atol=1e-9)
 
 

@@ -1,5 +1,6 @@
 """`python -m activeslam_gym live`: a session in real time, on a page, until Ctrl-C."""
 
+import math
 import time
 from argparse import Namespace
 from collections import deque
@@ -9,7 +10,7 @@ from queue import Empty
 
 from activeslam_gym.live.device import BROWSER, Device
 from activeslam_gym.live.page import Page
-from activeslam_gym.live.session import Session, Source
+from activeslam_gym.live.session import PAUSE, Session, Source
 from activeslam_gym.live.source import FOLLOW, NEVER, RecordedImages, RenderedRoom
 from activeslam_gym.live.state import Standing
 from activeslam_gym.vision.track import interruptible
@@ -100,19 +101,19 @@ def _run(session: Session, page: Page, seconds: float) -> None:
         elif not isinstance(source, Device) or source.wait(_NAP):
             state = session.step(clock.tick())
             over = state.standing == Standing.OVER
+            clock.wait(state.time)
             page.show(state)
-            clock.wait()
 
 
 class Clock:
-    """Real time: the images of a ``source`` one period apart; a live camera has times of its own.
+    """Real time: the images of a ``source`` come at their times; those of a live camera do so by themselves.
 
-    On a slow machine no image is left out, and a delay is not caught up.
+    On a slow machine no image is left out, and a delay is not caught up. A pause takes no longer than `PAUSE`.
     """
 
     def __init__(self, source: Source) -> None:
-        self._period, self._is_camera = source.scenario.frame_time, source.is_camera
-        self._due = time.monotonic()
+        self._longest, self._is_camera = max(PAUSE, source.scenario.frame_time), source.is_camera
+        self._due, self._last = time.monotonic(), math.inf
         self._ticks: deque[float] = deque(maxlen=_RATE_IMAGES + 1)
 
     def tick(self) -> float:
@@ -121,8 +122,9 @@ class Clock:
         passed = self._ticks[-1] - self._ticks[0]
         return (len(self._ticks) - 1) / passed if passed > 0.0 else 0.0
 
-    def wait(self) -> None:
-        """Wait until the next state is due."""
+    def wait(self, at: float) -> None:
+        """Wait until a state of the time ``at`` [s] is due."""
         if not self._is_camera:
-            self._due = max(self._due + self._period, time.monotonic() - self._period)
+            step, self._last = min(max(at - self._last, 0.0), self._longest), at
+            self._due = max(self._due + step, time.monotonic() - step)
             time.sleep(max(0.0, self._due - time.monotonic()))

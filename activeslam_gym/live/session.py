@@ -214,6 +214,8 @@ STATES, TIMES = "states.jsonl", "times.txt"
 _FILES = (STATES, TIMES, "images", "trajectory.tum", "frames.csv", "map.csv", "film.mp4")
 _FAST = 1
 """PNG's compression, of 0 … 9."""
+PAUSE = 1.0
+"""Longest time for which a film or a replay shows an image [s]."""
 
 
 def check_folder(folder: Path) -> None:
@@ -229,8 +231,8 @@ def check_folder(folder: Path) -> None:
 
 
 class Recording:
-    """Writes a run at a ``rate`` [Hz] into ``folder``, which it makes, and with ``film`` film.mp4, which is there once
-    it is closed; the ``room`` gives the scale of its map.
+    """Writes a run into ``folder``, which it makes, and with ``film`` film.mp4 of ``rate`` [Hz], which shows the images
+    at their times and is there once it is closed; the ``room`` gives the scale of its map.
 
     Raises:
         OSError: it cannot be written to, or holds a recording already.
@@ -250,6 +252,7 @@ class Recording:
         self._count, self._at_close = 0, ExitStack()
         to = self.folder / "film.mp4"
         self._film = self._at_close.enter_context(film_to(to, rate, room)) if film else None
+        self._film_time, self._longest = 0.0, max(PAUSE, 1.0 / rate)
 
     def add(self, state: State, log: FrameLog | None, original: np.ndarray | None = None) -> None:
         """Write a state, its image, or the ``original`` (h, w) that was mapped to it, and the ``log``, if any.
@@ -265,9 +268,10 @@ class Recording:
         self._times.write(f"{float(state.time)!r} {name}\n")
         self._states.write(json.dumps(plain(state)) + "\n")
         self._track.add(state.time, state.camera, log)
-        self._last = state
         if self._film is not None:
-            self._film(state)
+            self._film_time += min(state.time - self._last.time, self._longest) if self._last else 0.0
+            self._film(state, self._film_time)
+        self._last = state
         self._count += 1
 
     def save(self) -> None:

@@ -64,30 +64,36 @@ def moment_of(front_end: FrontEnd, image: np.ndarray) -> Moment:
 
 
 @contextmanager
-def film_to(
-    path: Path, rate: float, room: tuple[float, float, float] | None = None
-) -> Iterator[Callable[[Moment], None]]:
-    """A function that adds a `Moment` to the film ``path`` (.mp4), of ``rate`` [Hz], the `view` beside the map
-    `from_above`: a context, at whose end the file is there, whole or not at all.
+def film_to(path: Path, rate: float, room: tuple[float, float, float] | None = None) -> Iterator[Callable[..., None]]:
+    """A function that adds a `Moment` to the film ``path`` (.mp4), of ``rate`` [Hz], as its next picture or, if a time
+    [s] is given, at that one; the `view` beside the map `from_above`. A context, at whose end the file is there, whole
+    or not at all.
 
     Raises:
         ModuleNotFoundError: OpenCV is not installed.
         OSError: at the end, the film cannot be read again: the disk is full.
     """
-    cv2, way, writer, unfinished, count = opencv(), list[np.ndarray](), None, path, 0
+    cv2, way, writer, unfinished = opencv(), list[np.ndarray](), None, path
+    moments, count, last = 0, 0, np.zeros(0)
     with ExitStack() as at_close:
 
-        def add(moment: Moment) -> None:
-            nonlocal writer, unfinished, count
-            lengthen(way, count, moment.camera[:7])
-            count += 1
+        def add(moment: Moment, time: float | None = None) -> None:
+            nonlocal writer, unfinished, moments, count, last
+            lengthen(way, moments, moment.camera[:7])
+            moments += 1
+            due = count if time is None else round(time * rate)
+            if due < count:
+                return
             picture = view(moment)
             picture = np.hstack((picture, from_above(moment, way, picture.shape, room)))
             if writer is None:
                 unfinished = at_close.enter_context(written_whole(path))
                 code = cv2.VideoWriter_fourcc(*"mp4v")
                 writer = cv2.VideoWriter(str(unfinished), code, float(rate), picture.shape[1::-1])
-            writer.write(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+            for _ in range(due - count):
+                writer.write(last)
+            last, count = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), due + 1
+            writer.write(last)
 
         try:
             yield add

@@ -14,6 +14,7 @@ cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 from activeslam_gym.camera import View, camera_of, change_of_view, visible
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.candidates import measurable_points
+from activeslam_gym.live import run
 from activeslam_gym.live import source as live_source
 from activeslam_gym.live.advice import CRITERION, best
 from activeslam_gym.live.session import Session
@@ -262,6 +263,31 @@ def test_a_recording_that_was_cut_off_has_its_images_states_trajectory_and_log(t
         assert kept["frame"] == state.frame and kept["time"] == state.time and kept["command"] == state.command
         assert kept["rate"] == 15.0
         np.testing.assert_allclose(np.reshape(kept["points"], (-1, 3)), state.points, rtol=1e-5, atol=1e-9)
+
+
+class Slow(RenderedRoom):
+    """A third of the images come, and for a minute none."""
+
+    def next(self) -> Any:
+        time, image = super().next()
+        return 3.0 * time + (60.0 if self._frame > 3 else 0.0), image
+
+
+def test_a_film_and_a_replay_have_the_times_of_the_images(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A camera of 15 images a second played twice as fast, at the default of 30."""
+    session, now = Session(Slow(2), 2, tmp_path, film=True), [0.0]
+    times = [session.step().time for _ in range(6)]
+    session.close()
+    film = cv2.VideoCapture(str(tmp_path / "film.mp4"))
+    assert film.get(cv2.CAP_PROP_FRAME_COUNT) == 3 * 3 + 15 + 3 + 1, "the pause is shortened to a second"
+    monkeypatch.setattr(
+        run, "time", SimpleNamespace(monotonic=lambda: now[0], sleep=lambda s: now.append(now.pop() + s))
+    )
+    clock, shown = run.Clock(session.source), list[float]()
+    for time in times:
+        clock.wait(time)
+        shown.append(now[0])
+    assert np.diff(shown) == pytest.approx([0.2, 0.2, 0.2, 1.0, 0.2])
 
 
 def test_a_restart_has_a_folder_of_its_own_and_none_is_written_over(tmp_path: Path) -> None:

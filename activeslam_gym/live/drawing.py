@@ -60,7 +60,8 @@ class Advice(NamedTuple):
 
 def advice(state: State, images: bool = True) -> Advice:
     """The command; other words where the standing allows none, or where no ``images`` come."""
-    motion, standing = state.command, state.standing if images else None
+    refused = state.standing == Standing.WAITING and state.frame > 0  # an image in the middle of a run
+    motion, standing = state.command, state.standing if images and not refused else None
     if standing in _INSTEAD:
         return Advice(Motion.STAY, *_INSTEAD[standing])
     if not state.advised.any():

@@ -89,7 +89,7 @@ def _run(session: Session, page: Page, seconds: float) -> None:
         if name == "pause":
             paused = value
         elif name == "restart":
-            session.restart()
+            page.show(session.restart())
             over = False
         elif name == "save":
             page.notify(value, session.save())

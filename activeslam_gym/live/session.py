@@ -44,6 +44,7 @@ WORDS = {
 _CONTRADICTED = (
     "Unsure: the map contradicts the images. Something moved before the camera, or the hand was too quick. Restart."
 )
+_REPEATED = "Unsure: the camera repeats its last image."
 _BEGUN = "The target is there; the map begins."
 _NOTHING: dict[str, Any] = {
     "searched": NOTHING,
@@ -87,19 +88,20 @@ class Session:
         self.adviser: Adviser | None = None
         self.log: FrameLog | None = None
         """Of the last image but the first."""
-        self._agreement = Agreement()
+        self._agreement, self._repeats = Agreement(), False
         self._frame, self._time, self._zero, self._good = 0, 0.0, 0.0, 0.0
         self._image = np.zeros((self.source.scenario.image_height, self.source.scenario.image_width), np.uint8)
         self._mapped: set[int] = set()
 
-    def restart(self) -> None:
-        """Finish the recording, and start again, with the source."""
+    def restart(self) -> State:
+        """Finish the recording, and start again, with the source; the state before the first image."""
         self.close()
         self.source.restart()
         self._reset()
         if self._home is not None and self._recording is not None:
             self._recording, self._folder = None, self._home / str(self._runs + 1)
             check_folder(self._folder)
+        return self._state(Standing.WAITING, time.thread_time(), GuidanceError("It starts again."))
 
     @property
     def recorded(self) -> bool:
@@ -170,7 +172,9 @@ class Session:
 
     def _track(self, front_end: FrontEnd) -> None:
         assert self.adviser
+        repeated = front_end.repeated
         log = front_end.step(self._image, self._time)
+        self._repeats = front_end.repeated > repeated
         self.log = log if self.source.person else self._agreement.judged(log)  # a room's front end keeps what it misses
         if self.log.matched >= _FEW and not self.log.lost:
             self._good = self._time
@@ -180,6 +184,8 @@ class Session:
     def _standing(self) -> Standing:
         assert self.front_end
         log, variances = self.log, np.diag(self.front_end.filter.camera_covariance)[:3]
+        if self._repeats:
+            return Standing.UNSURE
         if self._time - self._good > _PATIENCE or variances.max() > _VAGUE**2:
             return Standing.LOST
         well = log is None or (not log.lost and log.matched >= max(_FEW, log.searched / 2))
@@ -190,7 +196,8 @@ class Session:
         moment = vars(moment_of(front_end, self._image)) if front_end else {"image": self._image, **_NOTHING}
         begun = standing == Standing.TRACKING and log is None
         words = _BEGUN if begun else "{why}" if isinstance(why, GuidanceError) else WORDS[standing]
-        words = _CONTRADICTED if standing == Standing.UNSURE and not self._agreement.holds else words
+        if standing == Standing.UNSURE and (self._repeats or not self._agreement.holds):
+            words = _REPEATED if self._repeats else _CONTRADICTED
         matched, searched = (log.matched, log.searched) if log else (0, 0)
         self._mapped.update(moment["ids"][moment["mapped"]].tolist())
         return State(

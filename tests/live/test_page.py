@@ -151,6 +151,7 @@ def test_the_command_agrees_with_the_standing_and_each_start_is_shown(page: Page
     for words, standing in (("Go back", Standing.LOST), ("The end", Standing.OVER), ("Please wait", Standing.WAITING)):
         page.draw(replace(a_state(7), standing=standing))
         assert words in page._command.content and not page._arrow.visible
+    assert "with the next images" in page._command.content, "the target was seen long ago"
     for frame, standing in ((2, Standing.WAITING), (9, Standing.TRACKING)):
         page.draw(replace(a_state(frame), standing=standing))
         page._shown -= 9.0

@@ -76,7 +76,8 @@ def test_a_command_a_second_is_the_best_of_seven(walk: Any, monkeypatch: pytest.
 
 def test_the_same_seed_gives_the_same_run_after_a_restart(walk: Any) -> None:
     session, states = walk
-    session.restart()
+    empty = session.restart()
+    assert empty.frame == 0 and not len(empty.ids) and np.isnan(empty.scores).all(), "the page shows no map any more"
     for state in states[:20]:
         again = session.step()
         np.testing.assert_array_equal(again.camera, state.camera)
@@ -140,6 +141,21 @@ def test_a_camera_in_the_dark_is_lost() -> None:
     session = Session(Dark(1))
     standings = [session.step().standing for _ in range(50)]
     assert standings[28] == Standing.TRACKING and standings[-1] == Standing.LOST
+
+
+class Stuck(RenderedRoom):
+    """The camera repeats its image from the third second on."""
+
+    def next(self) -> Any:
+        time, image = super().next()
+        self.last = image if time < 2.0 else self.last
+        return time, self.last
+
+
+def test_a_camera_that_repeats_its_image_is_not_said_to_be_lost() -> None:
+    session = Session(Stuck(1))
+    last = [session.step() for _ in range(50)][-1]
+    assert last.standing == Standing.UNSURE and "repeats its last image" in last.words
 
 
 class Late(RenderedRoom):

@@ -88,7 +88,7 @@ def main(args: Args) -> int:
     if args.save:
         curves = [film.curve for film in films.values()] if len(films) > 1 else []
         pictures = side_by_side([film.pictures(curves) for film in films.values()], list(films))
-        write_animation(args.save, pictures, args.every / SPEED)
+        write_animation(args.save, pictures, max((film.times for film in films.values()), key=len))
         print(f"Written to {args.save}")
     return 0
 
@@ -112,6 +112,11 @@ class Film:
         """Keep the moment if it is time for one."""
         if core.time >= self.every * len(self._moments) - 1e-9:
             self._moments.append((deepcopy(core.snapshot()), info["lost"]))
+
+    @property
+    def times(self) -> list[float]:
+        """Time of each moment [s]."""
+        return [float(moment.time) for moment, _ in self._moments]
 
     @property
     def curve(self) -> tuple[np.ndarray, np.ndarray]:
@@ -144,14 +149,17 @@ def side_by_side(films: Sequence[Sequence[Picture]], names: Sequence[str]) -> li
     return [np.hstack([np.vstack(pair) for pair in zip(strips, beside)]) for beside in pictures]
 
 
-def write_animation(path: Path, pictures: Sequence[Picture], seconds: float) -> None:
-    """Write a .gif, which plays over and over, whole or not at all; each picture is shown for so many ``seconds``, the
-    last for two."""
+def write_animation(path: Path, pictures: Sequence[Picture], times: Sequence[float]) -> None:
+    """Write a .gif, which plays over and over, whole or not at all: the pictures at their ``times`` [s], `SPEED` times
+    faster, and the last for two seconds."""
     from PIL import Image
 
     images = [Image.fromarray(picture) for picture in pictures]
     palette = images[-1].quantize(COLOURS, Image.Quantize.FASTOCTREE)  # the fullest picture has every colour
     first, *rest = (image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images)
-    durations = [round(1000 * seconds)] * len(rest) + [2000]
+    begins = [0]  # in hundredths of a second, the unit of the format; browsers show no picture for less than two
+    for time in times[1:]:
+        begins.append(max(begins[-1] + 2, round(100.0 * (time - times[0]) / SPEED)))
+    durations = [*(10 * np.diff(begins)).tolist(), 2000]
     with written_whole(path) as unfinished:
         first.save(unfinished, "GIF", save_all=True, append_images=rest, duration=durations, loop=0, optimize=True)

@@ -177,6 +177,23 @@ def test_a_foreign_text_neither_closes_a_section_nor_is_markup(tmp_path: Path) -
     assert "my_policy" in row and not set("<>`*$\x1b") & set(row) and "](" not in row and "\x1b" not in whole.aligned()
 
 
+def duration_of(animation: Any) -> int:
+    """Of all pictures but the last [ms]."""
+    return sum(animation.seek(k) or animation.info["duration"] for k in range(animation.n_frames - 1))
+
+
+@pytest.mark.parametrize("step", [0.25, 1.0 / 15.0, 0.5])
+def test_an_animation_keeps_the_times_of_its_pictures(tmp_path: Path, step: float) -> None:
+    """One of every step played up to a hundred times faster than life."""
+    from PIL import Image
+
+    ramp = np.tile(np.arange(0, 247, 19, dtype=np.uint8)[:, None], (13, 1, 3))
+    pictures = [np.roll(ramp, k, axis=1) for k in range(13)]
+    watch.write_animation(tmp_path / "clip.gif", pictures, [step * k for k in range(13)])
+    with Image.open(tmp_path / "clip.gif") as animation:
+        assert abs(duration_of(animation) - max(1000 * 12 * step / 4, 12 * 20)) <= 5
+
+
 def test_two_policies_are_watched_side_by_side(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("matplotlib")
     from PIL import Image
@@ -189,6 +206,7 @@ def test_two_policies_are_watched_side_by_side(tmp_path: Path, capsys: pytest.Ca
         first = np.asarray(animation.convert("RGB"))
         animation.seek(4)
         assert (np.asarray(animation.convert("RGB")) != first).any()
+        assert duration_of(animation) == 500, "four times faster than life"
     film = watch.Film(0.5, 60)
     for k in range(9):
         film.observe(SimpleNamespace(time=0.25 * k, snapshot=dict), {"lost": k > 2})

@@ -182,7 +182,7 @@ def save_figure(figure: Figure, path: Path, dpi: int = 130) -> Path:
 
 
 def _map(axes: Axes, run: Episode) -> None:
-    """X to the right and Z upwards: the room, truth in black, the estimate in blue; not mapped is hollow."""
+    """Z upwards and so X to the left: the room, truth in black, the estimate in blue; not mapped is hollow."""
     plane = np.array([0, 2])
     half = run.room_size[plane] / 2.0
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) * half
@@ -199,7 +199,7 @@ def _map(axes: Axes, run: Episode) -> None:
     axes.plot(*run.true_position[:, plane].T, color=TRUTH, lw=1.0, label="true path")
     axes.plot(*run.estimated_position[:, plane].T, color=ESTIMATE, lw=0.8, label="estimated")
     (right, top), (left, bottom) = 1.1 * half, -1.1 * half
-    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", xlabel="X, m", ylabel="Z, m")
+    axes.set(xlim=(right, left), ylim=(bottom, top), aspect="equal", xlabel="X, m", ylabel="Z, m")
 
 
 def _panels(count: int, size: tuple[float, float] = (4.2, 3.2), **shared: Any) -> tuple[Figure, list[Axes]]:

@@ -18,6 +18,7 @@ import baselines
 from activeslam_gym import Gaze, Motion
 from activeslam_gym.evaluation import Episode, play, row_of, run_episode
 from activeslam_gym.files import written_whole
+from activeslam_gym.rendering.scene import screen_from_world
 from agents import policies
 from agents import task as tasks
 from agents.__main__ import main
@@ -278,6 +279,17 @@ def test_the_bootstrap_of_an_interquartile_mean_holds_the_true_one_though_one_in
     intervals = [aggregate(sample, "IQM") for sample in samples]
     assert np.mean([one.low <= 600.0 <= one.high for one in intervals]) > 0.87
     assert np.isnan(aggregate(samples[0], "mean").low)
+
+
+def test_a_map_from_above_is_no_mirror_image() -> None:
+    """A motion to the camera's left was drawn to its right."""
+    pytest.importorskip("matplotlib")
+    from agents.figures import maps
+
+    axes = maps({"stay": [episode()]}).axes[0]
+    for way in ((0.5, 0.0, 0.0), (0.0, 0.0, 0.5)):
+        drawn = np.diff(axes.transData.transform([(0.0, 0.0), way[::2]]), axis=0)[0]
+        assert np.argmax(np.abs(drawn)) == (way[2] > 0) and drawn @ screen_from_world(np.array(way)) > 0.0
 
 
 def test_figures_of_equal_missing_infinite_and_zero_values() -> None:

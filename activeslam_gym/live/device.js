@@ -55,7 +55,8 @@ const inPage = () => {
         board</a> at 100 %, glue it on something flat, and wave it before the camera, as the page then says.</p>
     <p class="ask" id="trouble" role="alert"></p>
     <button class="ask" id="film">Film</button> <button class="ask" id="watch">Only watch</button>
-    <span id="filming" hidden>● Filming <button id="stop">Stop</button></span>`;
+    <span id="filming" hidden>● Filming<span id="facing">. If the camera faces you, its right is to your left.</span>
+        <button id="stop">Stop</button></span>`;
     const part = (id) => card.querySelector("#" + id);
     part("kept").textContent = kept;
     part("wave").hidden = !board;
@@ -85,6 +86,7 @@ const inPage = () => {
         const address = here.replace(/^http/, "ws") + "device";
         stop = window.MediaStreamTrackProcessor ? inWorker(track, address) : byVideo(address);
         navigator.wakeLock?.request("screen").catch(() => {});
+        part("facing").hidden = track.getSettings().facingMode === "environment";
         part("filming").hidden = false;
         card.className = "";
     };

@@ -195,11 +195,8 @@ class Device(RealCamera):
 
 
 def _unpacked(message: Any, side: int) -> tuple[float, np.ndarray]:
-    """The time [s] and the grey image (h, w) uint8 of a ``message``.
-
-    Raises:
-        ValueError: it holds none, or has more bytes than a colour image of ``side`` x ``side`` pixels.
-    """
+    """The time [s] and grey image (h, w) uint8 of a ``message``. Raises ValueError: it holds none, or has more bytes
+    than a colour image of ``side`` x ``side`` pixels."""
     if len(message) > (most := 3 * side**2):
         raise ValueError(f"The image has {len(message)} bytes; at most {most} are taken.")
     cv2, seconds, image = opencv(), math.nan, None

@@ -137,9 +137,8 @@ class Session:
                 room = None if source.person is None else source.scenario.room_size
                 self._recording = Recording(self._folder, 1.0 / source.scenario.frame_time, self._film, room)
                 self._runs += 1
-            log = self.log
-            if log is None and self.front_end is not None:
-                log = self.front_end.first_log(state.milliseconds)
+            assert self.front_end
+            log = self.log or self.front_end.first_log(state.milliseconds)
             self._recording.add(state, log, source.original)
         return state
 
@@ -257,12 +256,11 @@ class Recording:
         self._track = TrackFiles(self.folder, metric=True)
         self._last: State | None = None
         self._count, self._at_close = 0, ExitStack()
-        to = self.folder / "film.mp4"
-        self._film = self._at_close.enter_context(film_to(to, rate, room)) if film else None
+        self._film = self._at_close.enter_context(film_to(self.folder / "film.mp4", rate, room)) if film else None
         self._film_time, self._longest = 0.0, max(PAUSE, 1.0 / rate)
 
-    def add(self, state: State, log: FrameLog | None, original: np.ndarray | None = None) -> None:
-        """Write a state, its image, or the ``original`` (h, w) that was mapped to it, and the ``log``, if any.
+    def add(self, state: State, log: FrameLog, original: np.ndarray | None = None) -> None:
+        """Write a state, its image, or the ``original`` (h, w) that was mapped to it, and the ``log``.
 
         Raises:
             OSError: the disk is full, or gone.

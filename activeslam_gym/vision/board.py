@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 
 from activeslam_gym.files import argument, demand_writable_file, written_whole
 from activeslam_gym.vision.calibration import Calibration, calibration_from
-from activeslam_gym.vision.first_sight import LEAST_CORNERS, corners_in, refined
+from activeslam_gym.vision.first_sight import are_enough, corners_in, refined
 from activeslam_gym.vision.lens_files import Lens
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.other_lenses import fitted, projected_by
@@ -74,7 +74,7 @@ def find_board(image: np.ndarray, kind: str, columns: int, rows: int) -> View | 
     if kind == CHARUCO:
         board = Board(CHARUCO, columns, rows, 1.0, _MARKER_SHARE, "DICT_4X4_50")
         prints = (corners_in(small, board._replace(legacy=legacy)) for legacy in (False, True))
-        points, pixels = next((one for one in prints if len(one[0]) >= LEAST_CORNERS), np.empty((2, 0, 3)))
+        points, pixels = next((one for one in prints if are_enough(one[0])), np.empty((2, 0, 3)))
         found, points = len(points) > 0, points * (1.0, -1.0, 1.0)
     else:
         cv2 = opencv()
@@ -94,20 +94,28 @@ def find_board(image: np.ndarray, kind: str, columns: int, rows: int) -> View | 
 def fit_lens(views: Sequence[View], width: int, height: int, model: str = MODELS[0]) -> Fit:
     """The lens of images of ``width`` x ``height`` pixels that explains the ``views`` best.
 
-    A view whose residual is far over the median of all was found in the wrong place: it is left out.
+    A view whose residual is far over the median of all was found in the wrong place: it is left out, and so is one with
+    which OpenCV fails.
 
     Raises:
         ValueError: they do not determine the lens, or contradict each other.
     """
     kept, size = [*range(len(views))], (width, height)
     while True:
-        lens, poses, residuals, stds = _by_opencv([views[k] for k in kept], size, model == "fisheye")
+        if len(kept) < LEAST_PICTURES:
+            raise ValueError(f"fewer than {LEAST_PICTURES} of {len(views)} pictures agree on a lens")
+        try:
+            lens, poses, residuals, stds = _by_opencv([views[k] for k in kept], size, model == "fisheye")
+        except ValueError:
+            able = [k for k in kept if _has_lens(views[k], size, model == "fisheye")]
+            if len(able) == len(kept):
+                raise
+            kept = able
+            continue
         worst, most = int(residuals.argmax()), _FAR * max(float(np.median(residuals)), _QUIET)
         if residuals[worst] <= most:
             break
         del kept[worst]
-        if len(kept) < min(LEAST_PICTURES, len(views)):
-            raise ValueError(f"fewer than {LEAST_PICTURES} of {len(views)} pictures agree on a lens")
     residual = _plausible(math.sqrt(float(np.mean(residuals**2))), width)
     calibration = fitted(lens, "the fitted lens")[0]
     if model == MODELS[0]:
@@ -151,6 +159,14 @@ def _by_opencv(
     lens, poses = Lens(size, fisheye, K, bent.ravel()), np.hstack([np.reshape(x, (-1, 3)) for x in (turns, shifts)])
     errors = [projected_by(lens, _before(pose, view[0])) - view[1] for pose, view in zip(poses, views)]
     return lens, poses, np.array([np.sqrt(np.mean(each**2)) for each in errors]), stds
+
+
+def _has_lens(view: View, size: tuple[int, int], fisheye: bool) -> bool:
+    """Whether OpenCV's calibration ends with this ``view`` alone."""
+    try:
+        return bool(_by_opencv([view], size, fisheye))
+    except ValueError:
+        return False
 
 
 def _before(pose: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -223,7 +239,7 @@ def calibrate(images: str | Path, kind: str, columns: int, rows: int, out: str |
     fit = fit_lens(views, shape[1], shape[0], model)
     if left_out := np.delete(numbers, fit.kept).tolist():
         named = ", ".join(source.names[k] if source.names else f"image {k} (from 0)" for k in left_out)
-        print(f"left out, since their corners contradict the others': {named}", file=sys.stderr)
+        print(f"left out, since no lens explains their corners with the others': {named}", file=sys.stderr)
     with written_whole(Path(out)) as unfinished:
         fields = fit.lens.fields() if fit.lens else fit.calibration._asdict()
         unfinished.write_text(json.dumps(fields, indent=1) + "\n")

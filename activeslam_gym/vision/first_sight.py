@@ -19,6 +19,7 @@ _REACH = 4.0  # corners of a rectangle are known to so many pixels
 _ROUNDS = 4  # times that its edges are sought from the corners found before
 _LEAST_CONTRAST = 25.0  # grey levels between the two sides of its edge
 LEAST_CORNERS = 6  # fewer corners of a board are no start
+_IN_A_ROW = 1e-3  # width of corners over their length, under which they are in a row
 _WINDOW = 0.8  # half side of the window of a corner's fit, in the free space around it: the board may be slanted
 _MODULES = 10.0  # black and white fields along a tag, at most
 _MISSED = (0.6, 0.004)  # most that corners' pixels deviate by: pixels, or a share of the target's extent if more
@@ -30,15 +31,15 @@ def seen_corners(image: np.ndarray, camera: Record, target: Target) -> tuple[np.
     """The target's corners that the ``image`` (h, w) uint8 shows: (n, 3) [m] and their pixels (n, 2).
 
     Raises:
-        ValueError: the target is not there, or fewer than LEAST_CORNERS of a board's corners are.
+        ValueError: the target is not there, or its corners in the image are not enough.
     """
     if isinstance(target, Rectangle):
         return target.fiducials, refine_corners(image, camera, target.corners_px)
     points, pixels = corners_in(image, target)
-    if len(points) < LEAST_CORNERS:
+    if not are_enough(points):
         raise ValueError(
             f"the first image shows {len(points)} of the {len(target.points)} corners of the target, a board of kind "
-            f"{target.kind}; {LEAST_CORNERS} or more are needed{_other_print(image, target)}"
+            f"{target.kind}; {LEAST_CORNERS} or more are needed, not in a row{_other_print(image, target)}"
         )
     per_metre = float(np.linalg.norm(np.std(pixels, axis=0)) / np.linalg.norm(np.std(points, axis=0)))
     gap = target.pitch - target.marker
@@ -51,7 +52,7 @@ def _other_print(image: np.ndarray, board: Board) -> str:
     if board.kind == CHARUCO:
         legacy = board._replace(legacy=not board.legacy)
         kind = LEGACY if legacy.legacy else CHARUCO
-        return f': it has the pattern of kind "{kind}"' if len(corners_in(image, legacy)[0]) >= LEAST_CORNERS else ""
+        return f': it has the pattern of kind "{kind}"' if are_enough(corners_in(image, legacy)[0]) else ""
     wide = opencv().aruco.DetectorParameters()
     wide.markerBorderBits = 2
     found = opencv().aruco.ArucoDetector(markers_of(board.dictionary), wide).detectMarkers(image)[1]
@@ -144,6 +145,13 @@ def corners_in(image: np.ndarray, board: Board) -> tuple[np.ndarray, np.ndarray]
     if matched[0] is None:
         return np.zeros((0, 3)), np.zeros((0, 2))
     return board.upright(matched[0]), np.reshape(matched[1], (-1, 2)).astype(float)
+
+
+def are_enough(points: np.ndarray) -> bool:
+    """Whether ``points`` (n, 3) of a board have a homography: LEAST_CORNERS or more, two of them beside each row."""
+    rest = (np.delete(points, k, axis=0) for k in range(len(points)))
+    spans = (np.linalg.svd(np.diff(some, axis=0), compute_uv=False) for some in rest)
+    return len(points) >= LEAST_CORNERS and all(span[1] > _IN_A_ROW * span[0] for span in spans)
 
 
 def _demand_marker_size(board: Board, corners: Any, numbers: Any, markers: Any, ids: Any) -> None:

@@ -18,7 +18,7 @@ from activeslam_gym.live.device import Device
 from activeslam_gym.live.source import GuidanceError
 from activeslam_gym.vision import board
 from activeslam_gym.vision.board import BOARD, BoardCalibration, View, find_board, fit_lens
-from activeslam_gym.vision.first_sight import seen_corners
+from activeslam_gym.vision.first_sight import corners_in, seen_corners
 from activeslam_gym.vision.lens_files import Lens, read_lens
 from activeslam_gym.vision.other_lenses import lens_from, projected_by
 from activeslam_gym.vision.sources import SourceError, images_of
@@ -215,8 +215,24 @@ def test_the_legacy_pattern_of_a_charuco_board_is_found_or_named(tmp_path) -> No
 
 LARGE = enlarged(LENS, 2)
 PICTURE = printed(BOARD)
+PAGE = cv2.copyMakeBorder(PICTURE, 60, 60, 60, 60, cv2.BORDER_CONSTANT, value=255)
 PLACES = {"upper left": (-1, 1), "upper right": (1, 1), "lower left": (-1, -1), "lower right": (1, -1)}
 TILTS = {"left": (0, 1), "right": (0, -1), "top": (1, 0), "bottom": (-1, 0)}
+
+
+def test_corners_in_a_row_are_no_view_and_no_start() -> None:
+    image = PAGE.copy()
+    image[60 + 2 * 80 :] = 255
+    assert len(corners_in(image, BOARD)[0]) == 6 and find_board(image, "charuco", 7, 5) is None
+    with pytest.raises(ValueError, match="6 of the 24 corners .* not in a row"):
+        seen_corners(image, CAMERA, BOARD)
+
+
+@pytest.mark.parametrize("model", board.MODELS)
+def test_a_view_with_which_opencv_fails_is_left_out(model) -> None:
+    views = pinhole(1, 0.1, 6e-7)
+    row = (views[0][0][:COLUMNS], views[0][1][:COLUMNS])
+    assert fit_lens([row, *views], 640, 480, model).kept == [*range(1, 11)]
 
 
 def board_from(pose: np.ndarray) -> np.ndarray:

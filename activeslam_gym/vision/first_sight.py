@@ -35,7 +35,7 @@ def seen_corners(image: np.ndarray, camera: Record, target: Target) -> tuple[np.
     """
     if isinstance(target, Rectangle):
         return target.fiducials, refine_corners(image, camera, target.corners_px)
-    points, pixels = corners_in(image, target)
+    points, pixels = corners_in(image, target, camera)
     if not are_enough(points):
         raise ValueError(
             f"the first image shows {len(points)} of the {len(target.points)} corners of the target, a board of kind "
@@ -132,13 +132,14 @@ def _line_through(rays: np.ndarray) -> np.ndarray:
     return np.array((*normal, -normal @ centre))
 
 
-def corners_in(image: np.ndarray, board: Board) -> tuple[np.ndarray, np.ndarray]:
-    """The corners of the ``board`` in the ``image`` (h, w) uint8, roughly: (n, 3) [m] and their pixels (n, 2)."""
+def corners_in(image: np.ndarray, board: Board, camera: Record | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """The corners of the ``board`` in the ``image`` (h, w) uint8, roughly: (n, 3) [m] and their pixels (n, 2). With the
+    ``camera`` the size of the markers is tested, a ValueError: the scale depends on it, a lens does not."""
     aruco, pattern = opencv().aruco, board.pattern
     if board.kind == CHARUCO:
         found, numbers, markers, ids = aruco.CharucoDetector(pattern).detectBoard(image)
-        if numbers is not None and len(numbers) >= LEAST_CORNERS:
-            _demand_marker_size(board, found, numbers, markers, ids)
+        if camera is not None and numbers is not None and len(numbers) >= LEAST_CORNERS:
+            _demand_marker_size(board, camera, found, numbers, markers, ids)
     else:
         found, numbers = aruco.ArucoDetector(markers_of(board.dictionary)).detectMarkers(image)[:2]
     matched: Any = (None, None) if numbers is None else pattern.matchImagePoints(found, numbers)
@@ -154,19 +155,26 @@ def are_enough(points: np.ndarray) -> bool:
     return len(points) >= LEAST_CORNERS and all(span[1] > _IN_A_ROW * span[0] for span in spans)
 
 
-def _demand_marker_size(board: Board, corners: Any, numbers: Any, markers: Any, ids: Any) -> None:
-    """A ValueError, if the markers are not as large against the squares as the ``board`` says."""
+def _demand_marker_size(board: Board, camera: Record, corners: Any, numbers: Any, markers: Any, ids: Any) -> None:
+    """A ValueError, if the markers are not as large against the squares as the ``board`` says. A homography has the
+    board's plane and the rays of the ``camera``, which the lens does not bend."""
     cv2, pattern = opencv(), board.pattern
+    corners, markers = (_rays(camera, np.reshape(one, (-1, 2)).astype(float)) for one in (corners, markers))
     on_board = pattern.getChessboardCorners()[np.ravel(numbers), :2]
-    H, _ = cv2.findHomography(on_board, np.reshape(corners, (-1, 2)))
+    H, _ = cv2.findHomography(on_board, corners)
     if H is None:
         return
-    squares, known = cv2.perspectiveTransform(np.reshape(markers, (-1, 1, 2)), np.linalg.inv(H)), pattern.getIds()
+    squares, known = cv2.perspectiveTransform(markers[:, None], np.linalg.inv(H)), pattern.getIds()
     sides = np.linalg.norm(np.diff(squares.reshape(-1, 4, 2)[np.isin(ids, known).ravel()], axis=1), axis=2)
     seen = float(np.median(sides)) if len(sides) else board.marker
     if abs(seen - board.marker) > _MARKER_ERROR * board.marker:
         share = f"{seen / board.pitch:.2f} of a square's side, not {board.marker / board.pitch:.2f}"
         raise ValueError(f"the target contradicts the first image: check marker and square; a marker has {share}")
+
+
+def _rays(camera: Record, pixels: np.ndarray) -> np.ndarray:
+    """(n, 2) where the rays of ``pixels`` (n, 2) meet the plane at depth 1."""
+    return np.array([ray_from_pixel(camera, pixel)[:2] for pixel in pixels])
 
 
 def refined(image: np.ndarray, pixels: np.ndarray, half: int) -> np.ndarray:
@@ -201,7 +209,7 @@ def start_pose(
     Raises:
         ValueError: no pose explains the pixels.
     """
-    cv2, rays = opencv(), np.array([ray_from_pixel(camera, pixel)[:2] for pixel in pixels])
+    cv2, rays = opencv(), _rays(camera, pixels)
     try:
         _, turn, shift = cv2.solvePnP(points, rays, np.eye(3), None)
     except cv2.error as error:  # of corners that are on one line, or found twice

@@ -18,6 +18,7 @@ from activeslam_gym.live.device import Device
 from activeslam_gym.live.source import GuidanceError
 from activeslam_gym.vision import board
 from activeslam_gym.vision.board import BOARD, BoardCalibration, View, find_board, fit_lens
+from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.first_sight import corners_in, seen_corners
 from activeslam_gym.vision.lens_files import Lens, read_lens
 from activeslam_gym.vision.other_lenses import lens_from, projected_by
@@ -233,6 +234,15 @@ def test_a_view_with_which_opencv_fails_is_left_out(model) -> None:
     views = pinhole(1, 0.1, 6e-7)
     row = (views[0][0][:COLUMNS], views[0][1][:COLUMNS])
     assert fit_lens([row, *views], 640, 480, model).kept == [*range(1, 11)]
+
+
+def test_markers_of_another_size_are_a_wrong_scale_and_no_wrong_lens() -> None:
+    other = printed(BOARD._replace(marker=0.5 * BOARD.pitch))
+    image = cv2.copyMakeBorder(other, 60, 60, 60, 60, cv2.BORDER_CONSTANT, value=255)
+    points, pixels = find_board(image, "charuco", 7, 5)
+    np.testing.assert_allclose(pixels, points[:, :2] * 80 + 340 - 0.5 + (0, -80), atol=0.3)
+    with pytest.raises(ValueError, match="a marker has 0.49 of a square's side, not 0.75"):
+        seen_corners(image, Calibration(680, 520, 600.0, 339.5, 259.5, 0.0).camera, BOARD)
 
 
 def board_from(pose: np.ndarray) -> np.ndarray:

@@ -70,6 +70,13 @@ def test_a_part_of_the_board_is_enough_and_a_sliver_is_not() -> None:
         seen_corners(image, CAMERA, board)
 
 
+def test_a_board_that_the_lens_bends_has_markers_of_the_right_size() -> None:
+    board = target_from({**CHARUCO, "columns": 7, "rows": 5})
+    pose = pose_at((0.06, 0.11, 0.25), (-0.4, 0.1, 0.0))
+    points, pixels = seen_corners(board_on_the_plane(board, pose), CAMERA, board)
+    assert np.abs(pixels - projected(CAMERA, pose, points)).max() < 0.8
+
+
 def test_a_wrong_board_is_named() -> None:
     for fields, change, word in (
         (CHARUCO, {"marker": 0.06}, "marker must be smaller than square"),

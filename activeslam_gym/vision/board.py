@@ -66,8 +66,8 @@ class Fit(NamedTuple):
 def find_board(image: np.ndarray, kind: str, columns: int, rows: int) -> View | None:
     """The corners of the board in a grey ``image`` (h, w) uint8, or None if it does not show enough of it.
 
-    A large image is searched at reduced size, and the corners refined at full size; a chessboard's always, since
-    OpenCV's detector shifts them together where the board is tilted.
+    A large image is searched at reduced size. The corners are refined at full size, since OpenCV's detectors shift them
+    together where the board is tilted.
     """
     scale = max(1.0, max(image.shape) / _SEARCHED)
     small = reduced(image, scale)
@@ -83,12 +83,9 @@ def find_board(image: np.ndarray, kind: str, columns: int, rows: int) -> View | 
         points = np.stack((x, y, 0.0 * x), axis=1)
     if not found:
         return None
-    pixels = pixels.reshape(-1, 2).astype(float)
-    if scale > 1.0 or kind != CHARUCO:
-        pixels = scale * (pixels + 0.5) - 0.5
-        apart = cKDTree(pixels).query(pixels, 2)[0][:, 1].min()
-        pixels = refined(image, pixels, max(int(_WINDOWS[kind] * apart), 3))
-    return points, pixels
+    pixels = scale * (pixels.reshape(-1, 2).astype(float) + 0.5) - 0.5
+    apart = cKDTree(pixels).query(pixels, 2)[0][:, 1].min()
+    return points, refined(image, pixels, max(int(_WINDOWS[kind] * apart), 3))
 
 
 def fit_lens(views: Sequence[View], width: int, height: int, model: str = MODELS[0]) -> Fit:

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
@@ -64,6 +65,16 @@ def test_the_lens_is_recovered_from_pictures_of_a_board(pattern, std, tmp_path, 
     assert float(said.split("principal point (")[1].split()[2].rstrip(",")) < std
     assert found.distortion == pytest.approx(LENS.distortion, rel=0.05)
     assert float(said.split("residual ")[1].split()[0]) < 0.3
+
+
+def test_corners_of_a_tilted_charuco_board_in_a_small_picture_are_refined() -> None:
+    board, errors = Board("charuco", COLUMNS, ROWS, SQUARE, 0.75 * SQUARE, "DICT_4X4_50"), list[list[float]]()
+    for pose in POSES[1:]:
+        image, truth = cv2.GaussianBlur(photographed(pose, charuco), (0, 0), 0.4), projected(CAMERA, pose, board.points)
+        found = corners_in(image, board)[1], find_board(image, "charuco", COLUMNS, ROWS)[1]
+        errors.append([float(np.mean(cKDTree(truth).query(pixels)[0] ** 2)) for pixels in found])
+    rough, fine = np.sqrt(np.mean(errors, axis=0))
+    assert fine < 0.9 * rough
 
 
 @pytest.mark.parametrize("pose", POSES[1:])

@@ -174,9 +174,7 @@ def _calibrate(args: argparse.Namespace) -> None:
         numbers = (K[0, 0], K[0, 2], K[1, 2], bent[0])
         print(f"OpenCV's {args.model}, fx fy {K[0, 0]:.2f} {K[1, 1]:.2f}, bent by {' '.join(f'{x:.5f}' for x in bent)}")
     f, x, y, k = (f"{value:{form}}" for value, form in zip(numbers, (".2f", ".2f", ".2f", ".3e")))
-    df, dx, dy, dk = (
-        f" +- {std:{form}}" if std == std else "" for std, form in zip(fit.stds, (".2f", ".2f", ".2f", ".0e"))
-    )
+    df, dx, dy, dk = (f" +- {std:{form}}" for std, form in zip(fit.stds, (".2f", ".2f", ".2f", ".0e")))
     print(
         f"{len(fit.kept)} pictures show the board; residual {fit.residual_px:.3f} px\n"
         f"focal_px {f}{df}, principal point ({x}{dx}, {y}{dy}), distortion {k}{dk}\nwritten to {args.out}"

@@ -28,7 +28,7 @@ from activeslam_gym.vision.calibration import Calibration, calibration_from
 from activeslam_gym.vision.first_sight import are_enough, corners_in, refined
 from activeslam_gym.vision.lens_files import Lens
 from activeslam_gym.vision.opencv import opencv
-from activeslam_gym.vision.other_lenses import fitted, projected_by
+from activeslam_gym.vision.other_lenses import fitted
 from activeslam_gym.vision.sources import SourceError, images_of
 from activeslam_gym.vision.target import CHARUCO, Board, printed
 from activeslam_gym.vision.views import reduced
@@ -46,8 +46,9 @@ _BOUND = 1.0  # residual beyond which a corner counts little [px]
 _FAR, _QUIET = 4.0, 0.25  # a view is left out at so many medians of all views' residuals, each at least so many pixels
 _UNLIKE = 3.0  # residual of equation 1 over that of radtan, from which the lens has not equation 1
 _NO_LENS = 0.005  # residual from which the pictures agree on no lens, as a share of the image's width
-_WORST = 1e12  # condition of the scaled J^T J from which it is singular
+_WORST = 1e12  # condition of a lens's scaled information from which it is singular
 _VAGUE = 0.1  # deviation of a focal length that the pictures do not determine, as a share of it
+_TILT_IT = "tilt the board differently in each picture"
 
 View = tuple[np.ndarray, np.ndarray]
 """Corners on the board (n, 3) [squares] and in the picture (n, 2) [px]."""
@@ -58,7 +59,7 @@ class Fit(NamedTuple):
 
     calibration: Calibration  # of equation 1, or the nearest to the lens of OpenCV's
     residual_px: float  # root mean square of a corner's residual from this lens, each axis
-    stds: np.ndarray  # (4,) of focal length, principal point and (first) distortion; NaN of a fisheye
+    stds: np.ndarray  # (4,) of focal length, principal point and (first) distortion, see `_deviations`
     kept: list[int]  # of all pictures that showed the board, the numbers of those that agree
     lens: Lens | None = None  # of OpenCV's, where it was asked for
 
@@ -114,18 +115,25 @@ def fit_lens(views: Sequence[View], width: int, height: int, model: str = MODELS
             break
         del kept[worst]
     residual = _plausible(math.sqrt(float(np.mean(residuals**2))), width)
-    calibration = fitted(lens, "the fitted lens")[0]
+    try:
+        calibration = fitted(lens, "the fitted lens")[0]
+    except ValueError:
+        _demand_certainty(float(lens.matrix[0, 0]), stds[0])
+        raise
     if model == MODELS[0]:
         own, (calibration, residual, stds) = residual, _equation_1([views[k] for k in kept], calibration, poses)
         if _plausible(residual, width) > max(_BOUND, _UNLIKE * own):
             found = f"its residual is {residual:.1f} px, and {own:.1f} px with --model radtan"
             raise ValueError(f"the lens has not equation 1, or its pixels are not square: {found}, which fits")
-    if stds[0] >= _VAGUE * calibration.focal_px or math.isinf(stds[0]):
-        about = f"focal length {calibration.focal_px:.0f} +- {stds[0]:.0f} px"
-        raise ValueError(
-            f"the pictures do not determine the lens ({about}): tilt the board differently in each picture"
-        )
+    _demand_certainty(calibration.focal_px, stds[0])
     return Fit(calibration, residual, stds, kept, None if model == MODELS[0] else lens)
+
+
+def _demand_certainty(focal_px: float, std: float) -> None:
+    """A ValueError, if the pictures do not determine the focal length."""
+    if std >= _VAGUE * focal_px:
+        about = f"focal length {focal_px:.0f} +- {std:.0f} px"
+        raise ValueError(f"the pictures do not determine the lens ({about}): {_TILT_IT}")
 
 
 def _plausible(residual: float, width: int) -> float:
@@ -147,15 +155,43 @@ def _by_opencv(
             names = cv2.fisheye if hasattr(cv2.fisheye, "CALIB_FIX_SKEW") else cv2  # OpenCV 4, 5
             flags = names.CALIB_RECOMPUTE_EXTRINSIC | names.CALIB_FIX_SKEW
             _, K, bent, turns, shifts = cv2.fisheye.calibrate(points, pixels, size, K, np.zeros(4), flags=flags)
-            stds = np.full(4, np.nan)
         else:
-            _, K, bent, turns, shifts, stds = cv2.calibrateCameraExtended(points, pixels, size, None, None)[:6]
-            stds = stds.ravel()[[0, 2, 3, 4]]
+            _, K, bent, turns, shifts = cv2.calibrateCamera(points, pixels, size, None, None)
     except cv2.error as error:
-        raise ValueError(f"OpenCV finds no lens: {' '.join(str(error).split())[-120:]}") from None
+        said = " ".join(str(error).split())[-120:]
+        raise ValueError(f"OpenCV finds no lens; {_TILT_IT}: {said}") from None
     lens, poses = Lens(size, fisheye, K, bent.ravel()), np.hstack([np.reshape(x, (-1, 3)) for x in (turns, shifts)])
-    errors = [projected_by(lens, _before(pose, view[0])) - view[1] for pose, view in zip(poses, views)]
+    errors, J = list[np.ndarray](), list[tuple[np.ndarray, np.ndarray]]()
+    project = cv2.fisheye.projectPoints if fisheye else cv2.projectPoints
+    for (corners, seen), turn, shift in zip(views, turns, shifts):
+        expected, by = project(corners[:, None], turn, shift, K, bent)[:2]
+        errors.append((expected[:, 0] - seen).ravel())
+        J.append((by[:, :8], by[:, 8:14]) if fisheye else (by[:, 6:], by[:, :6]))
+    stds = _deviations(J, errors)[[0, 2, 3, 4]]
     return lens, poses, np.array([np.sqrt(np.mean(each**2)) for each in errors]), stds
+
+
+def _deviations(jacobians: Sequence[tuple[np.ndarray, np.ndarray]], errors: Sequence[np.ndarray]) -> np.ndarray:
+    """(m,) standard deviations of a lens's m parameters, infinite where other lenses explain the corners as well.
+
+    Of each view: the Jacobians of the pixels by the lens (2 n, m) and by the board's pose (2 n, 6), and the residuals
+    (2 n,). If these are independent, the covariance is A = s^2 (J^T J)^-1; if the residuals of a view are alike, since
+    the lens is not quite of the model, it is B, of changes of the lens with each view (Bell and McCaffrey 2002). B - A
+    counts where it is greater than A: few views give B roughly.
+    """
+    free = [J - C @ np.linalg.lstsq(C, J, rcond=None)[0] for J, C in jacobians]  # whatever the pose
+    scale = np.linalg.norm(np.concatenate(free), axis=0)
+    information = np.sum([(J / scale).T @ (J / scale) for J in free], axis=0)
+    if not np.linalg.cond(information) < _WORST:
+        return np.full(len(scale), np.inf)
+    root = np.linalg.inv(np.linalg.cholesky(information)).T / scale[:, None]  # root root^T = (J^T J)^-1
+    changes = []
+    for J, error in zip(free, errors):
+        share, axes = np.linalg.eigh(root.T @ J.T @ J @ root)  # of the information that this view has
+        changes.append(root @ axes @ (axes.T @ root.T @ J.T @ error / np.sqrt(np.maximum(1.0 - share, 1e-3))))
+    count = sum(map(len, errors)) - len(scale) - 6 * len(errors)
+    independent = sum(error @ error for error in errors) / max(count, 1) * (root**2).sum(axis=1)
+    return np.sqrt(np.maximum(independent, (np.array(changes) ** 2).sum(axis=0) - independent))
 
 
 def _has_lens(view: View, size: tuple[int, int], fisheye: bool) -> bool:
@@ -173,10 +209,7 @@ def _before(pose: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def _equation_1(views: Sequence[View], first: Calibration, poses: np.ndarray) -> tuple[Calibration, float, np.ndarray]:
-    """The calibration, its residual [px] and its deviations (4,), from a ``first`` one and ``poses`` (n, 6).
-
-    The covariance is s^2 (J^T J)^-1; deviations are infinite where other lenses explain the corners as well.
-    """
+    """The calibration, its residual [px] and its `_deviations` (4,), from a ``first`` one and ``poses`` (n, 6)."""
     f = first.focal_px
 
     def residuals(x: np.ndarray) -> np.ndarray:
@@ -191,12 +224,9 @@ def _equation_1(views: Sequence[View], first: Calibration, poses: np.ndarray) ->
     pattern = hstack((np.ones((blocks.shape[0], 4)), blocks))
     start = np.concatenate(((f, *first[3:5], first.distortion * f**2), poses.ravel()))
     fit = least_squares(residuals, start, jac_sparsity=pattern, x_scale="jac", loss="soft_l1", f_scale=_BOUND)
-    J = fit.jac.toarray()
-    scale = np.linalg.norm(J, axis=0)
-    correlation = (J / scale).T @ (J / scale)
-    variance = 2.0 * fit.cost / max(len(fit.fun) - len(fit.x), 1)
-    known = np.linalg.cond(correlation) < _WORST
-    stds = np.sqrt(variance * np.diag(np.linalg.inv(correlation)))[:4] / scale[:4] if known else np.full(4, np.inf)
+    ends = np.cumsum([2 * len(points) for points, _ in views])[:-1]
+    J, errors = np.split(fit.jac.toarray(), ends), np.split(fit.fun, ends)
+    stds = _deviations([(by[:, :4], by[:, 4 + 6 * k :][:, :6]) for k, by in enumerate(J)], errors)
     found = (*first[:2], *fit.x[:3].tolist(), float(fit.x[3]) / f**2)
     calibration = calibration_from(dict(zip(Calibration._fields, found)), "the fitted lens is none that can be used")
     return calibration, math.sqrt(float(np.mean(fit.fun**2))), stds * (1.0, 1.0, 1.0, f**-2)

@@ -21,7 +21,7 @@ from activeslam_gym.config import is_number, whole_number
 from activeslam_gym.kernels import Record
 from activeslam_gym.vision.calibration import check_names, read_object
 from activeslam_gym.vision.opencv import opencv
-from activeslam_gym.vision.views import plane_points, projected
+from activeslam_gym.vision.views import pixels_of, plane_points, projected
 
 CORNERS = ("top_left", "top_right", "bottom_left", "bottom_right")
 RECTANGLE, CHARUCO, LEGACY, APRILTAG = "rectangle", "charuco", "charuco-legacy", "apriltag"
@@ -230,10 +230,13 @@ def _draw_rectangle(out: np.ndarray, camera: Record, target: Rectangle, pose: np
 
 
 def _draw_board(out: np.ndarray, camera: Record, board: Board, pose: np.ndarray) -> None:
-    """Draw a board into ``out`` (h, w) in the image's greys, in all pixels that are wholly on it."""
+    """Draw a board into ``out`` (h, w) in the image's greys, in all pixels that are wholly on it; some of it may be
+    behind the camera."""
     x, y = 0.5 * board.size
     ends = np.array(((-x, -y, 0.0), (-x, y, 0.0), (x, -y, 0.0), (x, y, 0.0)))
-    box, picture = _box_around(projected(camera, pose, ends), 2.0, out.shape), printed(board)
+    pixels, picture = pixels_of(camera, pose, ends), printed(board)
+    whole = np.array(((0, 0), (out.shape[1], out.shape[0])))
+    box = _box_around(whole if np.isnan(pixels).any() else pixels, 2.0, out.shape)
     seen = _pixel_means(camera, pose, box, _BOARD_RAYS, lambda X: printed_value(board, picture, X))
     part, on = out[box], np.isfinite(seen)
     contrast, black = np.polyfit(seen[on], part[on], 1)
@@ -282,8 +285,8 @@ def printed_value(board: Board, picture: np.ndarray, X: np.ndarray) -> np.ndarra
     h, w = picture.shape
     share = (X * (1.0, -1.0) + 0.5 * board.size) / board.size
     on = np.all((share >= 0.0) & (share < 1.0), axis=-1)
-    j, i = np.moveaxis((share * (w, h)).astype(int), -1, 0)
-    return np.where(on, picture[np.clip(i, 0, h - 1), np.clip(j, 0, w - 1)].astype(float), np.nan)
+    j, i = np.moveaxis((np.where(on[..., None], share, 0.0) * (w, h)).astype(int), -1, 0)
+    return np.where(on, picture[i, j].astype(float), np.nan)
 
 
 def printed_rectangle(

@@ -38,14 +38,14 @@ def view_from(camera: Record, pose: np.ndarray) -> View:
 
 @compiled
 def plane_points(camera: Record, pose: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """(len(y), len(x), 2) where the rays of the pixels (x, y) from ``pose`` (>= 7,) meet the plane [m]."""
+    """(len(y), len(x), 2) where the rays of the pixels (x, y) from ``pose`` (>= 7,) meet the plane [m]; NaN if not."""
     out, pixel, R_WC = np.empty((len(y), len(x), 2)), np.empty(2), rotation_matrix(pose[QUATERNION])
     for i in range(len(y)):
         for j in range(len(x)):
             pixel[0], pixel[1] = x[j], y[i]
             d = world_from_camera(R_WC, ray_from_pixel(camera, pixel))
             for k in range(2):
-                out[i, j, k] = pose[k] - pose[2] * d[k] / d[2]
+                out[i, j, k] = pose[k] - pose[2] * d[k] / d[2] if d[2] < 0.0 else np.nan
     return out
 
 

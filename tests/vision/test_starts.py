@@ -28,7 +28,7 @@ from activeslam_gym.vision.sources import Frame
 from activeslam_gym.vision.start import Start
 from activeslam_gym.vision.target import CORNERS, FACING, target_from
 from activeslam_gym.vision.track import AT_REST, UNCERTAIN, Track, follow, scenario_of, start, summary
-from activeslam_gym.vision.views import projected
+from activeslam_gym.vision.views import pixels_of, projected
 from studies.excerpts import _ROOM as EXCERPTS
 from tests import vision_scene
 from tests.vision_scene import CAMERA, CHARUCO, LENS, TARGET, board_on_the_plane, enlarged, image_from, path, pose_at
@@ -75,6 +75,14 @@ def test_a_board_that_the_lens_bends_has_markers_of_the_right_size() -> None:
     pose = pose_at((0.06, 0.11, 0.25), (-0.4, 0.1, 0.0))
     points, pixels = seen_corners(board_on_the_plane(board, pose), CAMERA, board)
     assert np.abs(pixels - projected(CAMERA, pose, points)).max() < 0.8
+
+
+def test_a_board_on_the_floor_may_reach_behind_the_camera() -> None:
+    floor = target_from({**APRILTAG, "columns": 8, "rows": 8, "tag": 0.2, "gap": 0.05})
+    pose = pose_at((0.0, -0.5, 0.35), (0.8, 0.0, 0.0))
+    front_end = start(board_on_the_plane(floor, pose), LENS, floor, SCENARIO)
+    assert np.isnan(pixels_of(CAMERA, pose, floor.points)).any()
+    assert np.linalg.norm(front_end.filter.mean[:3] - pose[:3]) < 0.004
 
 
 def test_a_wrong_board_is_named() -> None:

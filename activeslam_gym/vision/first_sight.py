@@ -185,8 +185,9 @@ def refined(image: np.ndarray, pixels: np.ndarray, half: int) -> np.ndarray:
     return cv2.cornerSubPix(image, rough, (half, half), (-1, -1), stop).reshape(-1, 2).astype(float)
 
 
-def demand_agreement(camera: Record, pose: np.ndarray, points: np.ndarray, pixels: np.ndarray) -> None:
-    """A ValueError, if ``points`` (n, 3) from the ``pose`` miss the ``pixels`` (n, 2): the target's file is wrong."""
+def demand_agreement(camera: Record, pose: np.ndarray, points: np.ndarray, pixels: np.ndarray) -> float:
+    """By how much ``points`` (n, 3) from the ``pose`` miss the ``pixels`` (n, 2) [px], root mean square of each axis. A
+    ValueError, if it is much: the target's file is wrong."""
     squares = ((projected(camera, pose, points) - pixels) ** 2).sum()
     missed = float(np.sqrt(squares / (2 * len(points) - 6)))  # the pose was fitted
     most = max(_MISSED[0], _MISSED[1] * float(np.linalg.norm(np.ptp(pixels, axis=0))))
@@ -195,6 +196,7 @@ def demand_agreement(camera: Record, pose: np.ndarray, points: np.ndarray, pixel
         raise ValueError(
             f"the target contradicts the first image by {missed:.1f} px, {most:.1f} at most: check {check}"
         )
+    return missed
 
 
 def start_pose(

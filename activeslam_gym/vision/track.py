@@ -138,10 +138,10 @@ def start(
     except ValueError as error:
         raise ValueError(f"{error}{(spot := blemish(image)) and f'; the image {spot}'}") from None
     pose, covariance = start_pose(whole, points, corners, _CORNER_STD)
-    demand_agreement(whole, pose, points, corners)
+    missed = demand_agreement(whole, pose, points, corners)
     fiducials = fiducials_among(points)
     mean, P = np.concatenate((pose, np.zeros(6))), np.diag(np.repeat((1.0, _SPEED_STD**2, _TURN_STD**2), (6, 3, 3)))
-    P[:6, :6] = covariance
+    P[:6, :6] = covariance * max(1.0, missed / _CORNER_STD) ** 2
     front_end = FrontEnd(Filter(scenario, fiducials=fiducials, camera=mean, covariance=P), settings)
     camera = front_end.camera
     picture, pixels, bright = drawn(reduced(image, calibration.scale), camera, target, pose, fiducials)

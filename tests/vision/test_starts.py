@@ -85,6 +85,14 @@ def test_a_board_on_the_floor_may_reach_behind_the_camera() -> None:
     assert np.linalg.norm(front_end.filter.mean[:3] - pose[:3]) < 0.004
 
 
+def test_a_target_that_the_image_contradicts_a_little_is_a_less_certain_start() -> None:
+    image, stds = board_on_the_plane(target_from(APRILTAG), POSES[0]), []
+    for gap in (0.02, 0.024):
+        front_end = start(image, LENS, target_from({**APRILTAG, "gap": gap}), SCENARIO)
+        stds.append(np.sqrt(np.diag(front_end.filter.camera_covariance)[:6]))
+    assert (stds[1] > 1.5 * stds[0]).all()
+
+
 def test_a_wrong_board_is_named() -> None:
     for fields, change, word in (
         (CHARUCO, {"marker": 0.06}, "marker must be smaller than square"),

@@ -44,6 +44,7 @@ _SEARCHED = 1000  # a board is searched in images no longer than this [px]
 _WINDOWS = {"chessboard": 0.2, CHARUCO: 0.1}  # half sides of the windows in which corners are refined, in squares
 _BOUND = 1.0  # residual beyond which a corner counts little [px]
 _FAR, _QUIET = 4.0, 0.25  # a view is left out at so many medians of all views' residuals, each at least so many pixels
+_MISFIT = 0.0015  # residual up to which equation 1 is never refused, as a share of the image's width
 _UNLIKE = 3.0  # residual of equation 1 over that of radtan, from which the lens has not equation 1
 _NO_LENS = 0.005  # residual from which the pictures agree on no lens, as a share of the image's width
 _WORST = 1e12  # condition of a lens's scaled information from which it is singular
@@ -122,7 +123,7 @@ def fit_lens(views: Sequence[View], width: int, height: int, model: str = MODELS
         raise
     if model == MODELS[0]:
         own, (calibration, residual, stds) = residual, _equation_1([views[k] for k in kept], calibration, poses)
-        if _plausible(residual, width) > max(_BOUND, _UNLIKE * own):
+        if _plausible(residual, width) > max(_MISFIT * width, _UNLIKE * own):
             found = f"its residual is {residual:.1f} px, and {own:.1f} px with --model radtan"
             raise ValueError(f"the lens has not equation 1, or its pixels are not square: {found}, which fits")
     _demand_certainty(calibration.focal_px, stds[0])

@@ -39,7 +39,7 @@ def seen_corners(image: np.ndarray, camera: Record, target: Target) -> tuple[np.
     if not are_enough(points):
         raise ValueError(
             f"the first image shows {len(points)} of the {len(target.points)} corners of the target, a board of kind "
-            f"{target.kind}; {LEAST_CORNERS} or more are needed, not in a row{_other_print(image, target)}"
+            f"{target.kind}; {LEAST_CORNERS} or more are needed, not in a row{other_print(image, target)}"
         )
     per_metre = float(np.linalg.norm(np.std(pixels, axis=0)) / np.linalg.norm(np.std(points, axis=0)))
     gap = target.pitch - target.marker
@@ -47,16 +47,24 @@ def seen_corners(image: np.ndarray, camera: Record, target: Target) -> tuple[np.
     return points, refined(image, pixels, int(np.clip(_WINDOW * free * per_metre, 2, 5)))
 
 
-def _other_print(image: np.ndarray, board: Board) -> str:
-    """The other way in which the board in the ``image`` is printed, if any."""
-    if board.kind == CHARUCO:
-        legacy = board._replace(legacy=not board.legacy)
-        kind = LEGACY if legacy.legacy else CHARUCO
-        return f': it has the pattern of kind "{kind}"' if are_enough(corners_in(image, legacy)[0]) else ""
-    wide = opencv().aruco.DetectorParameters()
-    wide.markerBorderBits = 2
-    found = opencv().aruco.ArucoDetector(markers_of(board.dictionary), wide).detectMarkers(image)[1]
-    return "" if found is None else ": its tags have borders of two bits, as Kalibr's AprilGrid, which is not known"
+def other_print(image: np.ndarray, target: Target) -> str:
+    """Why the ``target`` is not found in the ``image``, where it is a board that is printed in another way, or there
+    twice."""
+    if isinstance(target, Rectangle):
+        return ""
+    legacy = target._replace(legacy=not target.legacy)
+    if target.kind == CHARUCO and are_enough(corners_in(image, legacy)[0]):
+        return f'; it has the pattern of kind "{LEGACY if legacy.legacy else CHARUCO}"'
+    aruco, found = opencv().aruco, []
+    for bits in (1, 2):
+        parameters = aruco.DetectorParameters()
+        parameters.markerBorderBits = bits
+        ids = aruco.ArucoDetector(markers_of(target.dictionary), parameters).detectMarkers(image)[1]
+        found.append(np.unique([] if ids is None else ids, return_counts=True))
+    (numbers, counts), (wide, _) = found
+    if len(wide) > len(numbers):
+        return "; its tags have borders of two bits, as Kalibr's AprilGrid, which is not known"
+    return f"; the picture has marker {numbers[counts.argmax()]} twice" if (counts > 1).any() else ""
 
 
 def fiducials_among(points: np.ndarray) -> np.ndarray:

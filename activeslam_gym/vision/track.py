@@ -29,7 +29,7 @@ from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.bundle import UNIT
 from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.film import film_to, moment_of
-from activeslam_gym.vision.first_sight import demand_agreement, fiducials_among, seen_corners, start_pose
+from activeslam_gym.vision.first_sight import demand_agreement, fiducials_among, other_print, seen_corners, start_pose
 from activeslam_gym.vision.frontend import FrameLog, FrontEnd, FrontEndSettings
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.other_lenses import lens_from
@@ -137,8 +137,11 @@ def start(
         points, corners = seen_corners(image, whole, target)
     except ValueError as error:
         raise ValueError(f"{error}{(spot := blemish(image)) and f'; the image {spot}'}") from None
-    pose, covariance = start_pose(whole, points, corners, _CORNER_STD)
-    missed = demand_agreement(whole, pose, points, corners)
+    try:
+        pose, covariance = start_pose(whole, points, corners, _CORNER_STD)
+        missed = demand_agreement(whole, pose, points, corners)
+    except ValueError as error:
+        raise ValueError(f"{error}{other_print(image, target)}") from None
     fiducials = fiducials_among(points)
     mean, P = np.concatenate((pose, np.zeros(6))), np.diag(np.repeat((1.0, _SPEED_STD**2, _TURN_STD**2), (6, 3, 3)))
     P[:6, :6] = covariance * max(1.0, missed / _CORNER_STD) ** 2

@@ -93,6 +93,13 @@ def test_a_target_that_the_image_contradicts_a_little_is_a_less_certain_start() 
     assert (stds[1] > 1.5 * stds[0]).all()
 
 
+@both_kinds
+def test_a_board_that_is_there_twice_is_named(fields) -> None:
+    half = board_on_the_plane(target_from(fields), pose_at((0.2, 0.0, 0.5)))[:, :160]
+    with pytest.raises(ValueError, match="the picture has marker 0 twice"):
+        start(np.hstack((half, half)), LENS, target_from(fields), SCENARIO)
+
+
 def test_a_wrong_board_is_named() -> None:
     for fields, change, word in (
         (CHARUCO, {"marker": 0.06}, "marker must be smaller than square"),

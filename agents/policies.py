@@ -3,6 +3,7 @@
 import importlib
 import json
 from collections.abc import Iterable, Sequence
+from inspect import signature
 from os import PathLike
 from pathlib import Path
 from traceback import extract_tb
@@ -35,8 +36,7 @@ def load(name: str | PathLike[str], env: Environment, seed: int | Sequence[int] 
     if ":" in name:
         return bound(_imported(name), env)
     if (path := file_of(name)) and path.suffix == ".zip":
-        policy, period = _saved_model(path, env), period_of(name)
-        return Held(policy, env, period) if period else policy
+        return Held(_saved_model(path, env), env, period_of(name))
     if path:
         from agents.learn.policy import LearnedPolicy
 
@@ -67,23 +67,31 @@ def _saved_model(path: Path, env: Environment) -> Predictor:
         if its != other:
             raise ValueError(f"it {does} {its}, the environment is of {other}; allowed: the same, or a factory")
     own = data["policy_kwargs"] | ({"use_sde": True} if data.get("use_sde") else {})
-    policy = data["policy_class"](*spaces, lambda _: 0.0, **own)
+    takes = signature(data["policy_class"]).parameters.values()
+    if any(one.name == "lr_schedule" or one.kind is one.VAR_KEYWORD for one in takes):  # no policy of ARS
+        own |= {"lr_schedule": lambda _: 0.0}
+    policy = data["policy_class"](*spaces, **own)
     policy.load_state_dict(parameters["policy"])
     policy.set_training_mode(False)
     return policy
 
 
 class Held:
-    """A ``policy`` that decides every ``period`` seconds of its environment, and holds its action in between."""
+    """A ``policy`` that decides every ``period`` seconds of its environment, and holds its action in between; without
+    a ``period``, in each step."""
 
-    def __init__(self, policy: Predictor, env: Environment, period: float) -> None:
-        self._policy, self._env = policy, core_of(env)
-        self._steps = whole_multiple("decision_period", period, "gaze_period", self._env.gaze_period)
+    def __init__(self, policy: Predictor, env: Environment, period: float | None) -> None:
+        self._policy, self._steps = policy, 1
+        if period:
+            self._env = core_of(env)
+            self._steps = whole_multiple("decision_period", period, "gaze_period", self._env.gaze_period)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Any, Any]:
-        """Return the action, and as ``state`` that action beside the policy's own state."""
+        """Return the action, and as ``state`` the policy's own, beside the action where it is held."""
+        if self._steps == 1:
+            return self._policy.predict(observation, state, episode_start, deterministic)
         if state is None:
             action, new = self._policy.predict(observation, None, episode_start, deterministic)
             return action, (action, new)

@@ -231,7 +231,7 @@ class SeveralScenarios(VecEnv):
 class EpisodeLog(BaseCallback):
     """Log the episodes that end in training, beside what the learner logs itself.
 
-    For any learner of Stable-Baselines3 or sb3-contrib, on `ActiveSLAMVecEnv` as on `make_vec_env`:
+    For any learner of Stable-Baselines3 or sb3-contrib but ARS, on `ActiveSLAMVecEnv` as on `make_vec_env`:
     ``PPO("MlpPolicy", env, tensorboard_log="logs").learn(100_000, callback=EpisodeLog())``. Under ``rollout/`` it
     records ``log_score``, the mean [bit], and ``failures``, the share of episodes that were lost or ended with a log
     score under 0.
@@ -240,7 +240,7 @@ class EpisodeLog(BaseCallback):
         window: The last so many episodes count.
 
     Raises:
-        ValueError: ``window`` is no positive number.
+        ValueError: ``window`` is no positive number; or later, the learner is ARS, which tells callbacks of no steps.
         KeyError: an environment's ``info`` has no ``log_score``: it is none of ActiveSLAM.
     """
 
@@ -251,6 +251,8 @@ class EpisodeLog(BaseCallback):
         self._ended = deque[tuple[float, bool]](maxlen=window)  # log score and failure
 
     def _on_step(self) -> bool:
+        if "infos" not in self.locals:
+            raise ValueError("EpisodeLog: the learner tells callbacks of no steps, as ARS; allowed: any other")
         ended = [info for info, done in zip(self.locals["infos"], self.locals["dones"]) if done]
         self._ended.extend((info["log_score"], info["lost"] or info["log_score"] < 0.0) for info in ended)
         if ended:

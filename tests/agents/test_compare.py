@@ -215,6 +215,8 @@ def test_a_model_of_stable_baselines_is_a_policy(tmp_path: Path, capsys: pytest.
         expected = run_episode(env, model, seed=3, name=str(path))
         np.testing.assert_array_equal(played["actions"], expected.actions)
         assert played["actions"].shape == (4, 2) and (played["actions"] < (len(Motion), len(Gaze))).all()
+        alone, observation = policies.load(path, env), env.reset(seed=3)[0]
+        np.testing.assert_array_equal(alone.predict(observation)[0], model.predict(observation, deterministic=True)[0])
         contents = policies.content(str(path))
     sb3.DQN("MlpPolicy", env, seed=9, buffer_size=10).save(path)
     assert policies.content(str(path)) != contents

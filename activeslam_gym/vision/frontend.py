@@ -181,7 +181,7 @@ class FrontEnd:
             return self._unsearched(time_s, time.thread_time() - began)
         self._frame += 1
         dt, self._time = time_s - self._time, time_s
-        if self._last_view is not None and dt > max(_GAP[0], _GAP[1] * float(self.filter.models.motion.dt)):
+        if self._last_view is not None and dt > self.longest_step:
             self._blind, self._after_gap = s.lost_after, True
         self.filter.predict(u, dt, self.settings.drift / self._focal)
         before = self._relocalise() if self._is_lost else None
@@ -209,6 +209,11 @@ class FrontEnd:
         self._scale = math.floor(ratio) if ratio >= 1.0 else ratio
         self._image = reduced(image, self._scale)
         self._grey = self._image.astype(np.float32)
+
+    @property
+    def longest_step(self) -> float:
+        """Time between two images, beyond which there is a gap [s]."""
+        return max(_GAP[0], _GAP[1] * float(self.filter.models.motion.dt))
 
     @property
     def _is_lost(self) -> bool:

@@ -71,7 +71,8 @@ def steps_from_anywhere(
     If the start is never certain, or the images are too many to be held, the logs say so. An exception of the source
     comes in its turn.
     """
-    search, held, reported, filter = Start(calibration), list[tuple[Frame, FrameLog]](), 0, front_end.filter
+    search, held = Start(calibration, front_end.longest_step), list[tuple[Frame, FrameLog]]()
+    reported, filter = 0, front_end.filter
     certain, ending, motion = False, None, filter.models.motion
     wide = 2.0 * np.arctan(0.5 * max(calibration[:2]) / calibration.focal_px) >= _NARROW
     while not certain and ending is None:
@@ -112,10 +113,11 @@ def steps_from_anywhere(
 
 
 class Start:
-    """Looks for the start, image by image."""
+    """Looks for the start, image by image; from the later of two that cannot be joined, or lie farther apart than the
+    ``longest_step`` [s]."""
 
-    def __init__(self, calibration: Calibration) -> None:
-        self.corners = Corners(calibration)
+    def __init__(self, calibration: Calibration, longest_step: float = np.inf) -> None:
+        self.corners, self._longest_step = Corners(calibration), longest_step
         self._next, self._certain = 0, list[Opening]()
         self.best: Opening | None = None
         """The likeliest so far; the one that is certain is the start."""
@@ -124,9 +126,10 @@ class Start:
         """Go on to the ``image`` (h, w) uint8 of ``time`` [s]: what was seen in it."""
         began = thread_time()
         corners, k, before = self.corners, len(self.corners.seen), int(self.corners.live.sum())
-        if k and time <= (last := corners.seen[-1].time):
+        last = corners.seen[-1].time if k else -np.inf
+        if time <= last:
             raise ValueError(f"times of images must grow, got {time:g} s after {last:g} s")
-        lost = not corners.add(time, image)
+        lost = not corners.add(time, image, time - last <= self._longest_step)
         if k == corners.since:
             self.best, self._next, self._certain = None, 0, []
         elif k >= self._next and corners.show_parallax():

@@ -268,6 +268,17 @@ def test_a_slide_past_a_wall_is_no_turn_and_a_lens_of_less_than_50_degrees_is_ne
     assert np.linalg.norm(ways[-1, 1:]) < 0.05 * np.linalg.norm(ways[-1])
 
 
+@pytest.mark.parametrize("pause", [False, True])
+def test_the_start_bridges_neither_a_cut_nor_a_gap_in_time(pause: bool) -> None:
+    cameras, lens = at_rest(70), lens_of(400.0)
+    cameras[:, 0] = 0.25 * np.arange(70) / 30.0
+    rooms = [RoomCamera(EXCERPTS, lens.camera, np.random.SeedSequence(seed)) for seed in (5, 5 if pause else 6)]
+    images = [rooms[k >= 12].photograph(camera, k) for k, camera in enumerate(cameras)]
+    done = follow([((k + 15 * (pause and k >= 12)) / 30.0, one) for k, one in enumerate(images)], lens, None, 30.0)
+    assert done.start_certain and np.flatnonzero(done.lost).tolist() == [*range(13)]
+    assert turn_errors(done._replace(cameras=done.cameras[13:]), cameras[13:]).max() < np.radians(0.5)
+
+
 def test_a_start_in_motion_is_right() -> None:
     cameras, time = at_rest(60), np.arange(60) / 30.0
     cameras[:, 0], cameras[:, 1] = 0.5 * time, 0.1 * np.sin(3.0 * time)

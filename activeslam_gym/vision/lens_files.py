@@ -24,9 +24,10 @@ _MODEL = re.compile("(cam|camera|dist|distortion|fisheye|lens|model)*(distortion
 _MATRICES = ("cameramatrix", "k", "mtx", "kleft")
 _LISTS = ("distortioncoefficients", "distortioncoeffs", "distcoeffs", "distcoeff", "distcoefs", "distcoef", "dist", "d",
           "dleft")  # fmt: skip
-_BENDING = re.compile(".*(distort|coef|radial|tangential).*|xi|alphac?|beta|tau[xy]|[bt]\\d")
+_BENDING = re.compile(".*(distort|coef|radial|tangential).*(?<!stddev)|xi|alphac?|beta|tau[xy]|[bt]\\d")
 """Fields that name the model, matrices, lists of coefficients, and others that bend a lens, which are not read."""
 _RAW = ("left", "stereorectifier")  # cameras of images that are not rectified, beside one of those that are
+_SIZES = ("resolution", "cameraresolution")
 _SIDES = (("imagewidth", "width", "cols"), ("imageheight", "height", "rows"))
 _FOCI = (("fx", "mu"), ("fy", "mv"), ("cx", "u0"), ("cy", "v0"))
 _PARTS = ("intrinsics", "projectionparameters", "distortionparameters", "mirrorparameters")
@@ -191,7 +192,7 @@ def _of_fields(camera: dict[str, Any]) -> Lens:
     fisheye = not words.keys().isdisjoint(FISHEYE)
     if fisheye and not words.keys().isdisjoint(RADIAL):
         raise ValueError(f"its models contradict each other: {', '.join(map(str, words.values()))}")
-    size = _numbers(camera, "resolution") or [x for names in _SIDES for x in _numbers(camera, *names)]
+    size = _numbers(camera, *_SIZES) or [x for names in _SIDES for x in _numbers(camera, *names)]
     single = [x for names in _FOCI for x in _numbers(camera, *names)]
     four = single or _numbers(camera, "intrinsics")
     K = four or _numbers(camera, *_MATRICES)

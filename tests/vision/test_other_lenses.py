@@ -146,6 +146,10 @@ RADIAL_FILES = {
     .replace("310", "330").replace("245", "255") + ROI.format(1, 20, 10, 480, 640),
     "fourteen": ROS.format("rational_polynomial", listed(RADIAL, 10), K),
     "opencv, JSON": json.dumps(OPENCV, indent="\t"),
+    "opencv, interactive": json.dumps(
+        {"cameraResolution": [640, 480], "cameraMatrix": MATRIX.tolist(), "cameraMatrix_std_dev": [[1.0]] * 4}
+        | {"dist_coeffs": json.loads(RADIAL), "dist_coeffs_std_dev": [[0.1]] * 5}
+    ),
     "opencv, XML": XML,
     "opencv, XML alone": XML.partition("\n")[2].replace("<camera_", "<fisheye_model>0</fisheye_model><camera_"),
     "opencv, tutorial": json.dumps(SIZE | {"mtx": MATRIX.tolist(), "dist": [[*json.loads(RADIAL), 0]]}),

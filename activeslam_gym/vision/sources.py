@@ -110,10 +110,9 @@ def images_of(
     if rate and own and abs(rate / own - 1.0) > 0.02:
         used = "the times are used" if stamps else "--rate is used"
         print(f"{path} has {own:.2f} images a second by its times, and --rate is {rate:g}: {used}", file=sys.stderr)
-    elif stamps and not rows:
-        print(f"{path}: {own or 0.0:.2f} images a second, by the times in their names", file=sys.stderr)
-    elif len(stamps) > 1 and (np.diff(stamps) == 1.0).all():
-        say = "1 image a second, by its times; if they are numbers of images, give the pictures and --rate instead"
+    elif stamps and ((counted := own and own <= 1.0 and all(map(float.is_integer, stamps))) or not rows):
+        say = f"{own or 0.0:.2f} images a second, by {'its times' if rows else 'the times in their names'}"
+        say += "; if they are numbers of images, give the pictures and --rate instead" if counted else ""
         print(f"{times or path}: {say}", file=sys.stderr)
     elif timed and not (stamps or rate or own):
         print(f"{path}: {USUAL_RATE:g} images a second are assumed; --rate or --times gives others", file=sys.stderr)

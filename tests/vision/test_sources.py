@@ -68,6 +68,16 @@ def test_a_list_is_a_source(name: str, folder: str, tmp_path, capsys) -> None:
     assert "20.00 images a second by its times, and --rate is 30: the times are used" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("numbers", ["1 2 4 5", "0 2 4 6"])
+def test_numbers_of_images_are_not_taken_for_times_in_silence(numbers: str, tmp_path, capsys) -> None:
+    (tmp_path / "times.txt").write_text("\n".join(numbers.split()))
+    pictures(tmp_path / "a", [f"{k}.png" for k in range(4)])
+    images_of(tmp_path / "a", times=tmp_path / "times.txt")
+    assert "if they are numbers of images" in capsys.readouterr().err
+    images_of(pictures(tmp_path / "b", [f"{2611301200 + int(k)}.png" for k in numbers.split()])[0].parent)
+    assert "by the times in their names; if they are numbers of images" in capsys.readouterr().err
+
+
 BAD_LISTS = {
     "1\n2\n2\n4\n": "time 3 does",
     "1\n2\n3\n": "3 times.* 4 images",

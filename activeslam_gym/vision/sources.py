@@ -116,7 +116,7 @@ def images_of(
         print(f"{times or path}: {say}", file=sys.stderr)
     elif timed and not (stamps or rate or own):
         print(f"{path}: {USUAL_RATE:g} images a second are assumed; --rate or --times gives others", file=sys.stderr)
-    usual = rate or own or USUAL_RATE
+    usual = (own or rate if stamps else rate or own) or USUAL_RATE
     numbered = (k / usual for k in itertools.count())
     clock = None if timed and is_video and not stamps and not rate else iter(stamps or numbered)
     names = tuple(file.name for file in files)

@@ -64,7 +64,7 @@ def test_a_list_is_a_source(name: str, folder: str, tmp_path, capsys) -> None:
     assert found.rate == pytest.approx(20.0) and seen(found.frames) == [0, 1, 2, 3]
     (tmp_path / "times.txt").write_text(LISTS["times.txt"])
     assert seen(images_of(tmp_path / name, times=tmp_path / "times.txt").frames) == [0, 1, 2, 3]
-    images_of(tmp_path / name, 30.0)
+    assert images_of(tmp_path / name, 30.0).rate == pytest.approx(20.0)
     assert "20.00 images a second by its times, and --rate is 30: the times are used" in capsys.readouterr().err
 
 

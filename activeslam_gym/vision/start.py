@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from activeslam_gym.kernels import Record
 from activeslam_gym.motion import ANGULAR_VELOCITY, CAMERA_DIM, CAMERA_SIZE, POSITION, QUATERNION, VELOCITY
 from activeslam_gym.slam.belief import angles_of
 from activeslam_gym.slam.filter import is_covariance
@@ -74,7 +75,7 @@ def steps_from_anywhere(
     search, held = Start(calibration, front_end.longest_step), list[tuple[Frame, FrameLog]]()
     reported, filter = 0, front_end.filter
     certain, ending, motion = False, None, filter.models.motion
-    wide = 2.0 * np.arctan(0.5 * max(calibration[:2]) / calibration.focal_px) >= _NARROW
+    wide = not is_narrow(front_end.camera)
     while not certain and ending is None:
         try:
             frame = next(source)
@@ -110,6 +111,11 @@ def steps_from_anywhere(
             yield frame, log._replace(start_certain=bool(known and wide))
     elif not isinstance(ending, StopIteration):
         raise ending
+
+
+def is_narrow(camera: Record) -> bool:
+    """Whether a ``camera``, a CAMERA, has a field of view in which no start is certain."""
+    return bool(2.0 * np.arctan(0.5 * max(camera.width, camera.height) / camera.focal) < _NARROW)
 
 
 class Start:

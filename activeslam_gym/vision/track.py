@@ -36,7 +36,7 @@ from activeslam_gym.vision.other_lenses import lens_from
 from activeslam_gym.vision.report import FREE, TURNED, Agreement, Diagnosis, TrackFiles, blemish
 from activeslam_gym.vision.settings import FEATURES, FEWEST, MOST
 from activeslam_gym.vision.sources import Frame, SourceError, images_of, read_times
-from activeslam_gym.vision.start import steps_from_anywhere
+from activeslam_gym.vision.start import is_narrow, steps_from_anywhere
 from activeslam_gym.vision.target import FACING, Target, as_first_seen, drawn, read_target
 from activeslam_gym.vision.views import reduced
 
@@ -55,7 +55,8 @@ UNSCALED = {"inverse_depth_mean": UNIT, "inverse_depth_std": 0.75}
 """The same without a target: the mean only sets the unit. With a wider spread the scale drifts, and the map is lost."""
 UNCERTAIN = "the start is uncertain, and with it all poses"
 AT_REST = "the camera was at rest or only turned, or something moved before it"
-SEVERAL = "several motions explain the images, as always with a lens of less than 50 degrees"
+SEVERAL = "several motions explain the images, or none: something moved before the camera, or it moved too little"
+NARROW = "several motions explain the images, as always with a lens of less than 50 degrees"
 DRIFTED = (
     "the turn since the start is not known to 1.5 degrees, or the map contradicts the images: "
     "a narrow lens, a quick motion, or a map that was lost"
@@ -103,7 +104,8 @@ class Track(NamedTuple):
             return CONTRADICTED.format(self.times[first + 1])
         if any(log.start_certain for log in self.logs):
             return DRIFTED
-        return f"{UNCERTAIN}: {AT_REST if self.at_rest else SEVERAL}"
+        moved = NARROW if is_narrow(self.filter.camera) else SEVERAL
+        return f"{UNCERTAIN}: {AT_REST if self.at_rest else moved}"
 
     @property
     def at_rest(self) -> bool:

@@ -27,7 +27,7 @@ from activeslam_gym.vision.room.camera import RoomCamera
 from activeslam_gym.vision.sources import Frame
 from activeslam_gym.vision.start import Start
 from activeslam_gym.vision.target import CORNERS, FACING, target_from
-from activeslam_gym.vision.track import AT_REST, UNCERTAIN, Track, follow, scenario_of, start, summary
+from activeslam_gym.vision.track import AT_REST, NARROW, SEVERAL, UNCERTAIN, Track, follow, scenario_of, start, summary
 from activeslam_gym.vision.views import pixels_of, projected
 from studies.excerpts import _ROOM as EXCERPTS
 from tests import vision_scene
@@ -263,6 +263,8 @@ def test_a_slide_past_a_wall_is_no_turn_and_a_lens_of_less_than_50_degrees_is_ne
     done = flown(lens_of(focal), cameras)
     assert not done.lost.any()
     assert done.start_certain == (focal < 650.0) and (UNCERTAIN in summary(done)) != done.start_certain
+    doubtful = done._replace(logs=[log._replace(start_certain=False) for log in done.logs])
+    assert doubtful.doubt == f"{UNCERTAIN}: {SEVERAL if focal < 650.0 else NARROW}"
     assert turn_errors(done, cameras).max() < np.radians(1.0)
     ways = done.cameras[:, :3] - done.cameras[0, :3]
     assert np.linalg.norm(ways[-1, 1:]) < 0.05 * np.linalg.norm(ways[-1])

@@ -265,7 +265,7 @@ def _adjusted(corners: Corners) -> Opening | None:
     cameras = 6 * (len(images) - 1)
     way = np.sqrt(np.diag(P)[cameras - 6 : cameras - 3].sum()) / max(float(np.linalg.norm(x.p[-1])), 1e-9)
     depth = np.median(np.sqrt(np.diag(P)[cameras + 2 :: 3]) / x.rho)
-    certain = bool(clear > _CLEAR and share > _KEPT and way < _SHARP[0] and depth < _SHARP[1])
+    certain = bool(clear > _CLEAR and share > _KEPT and way < _SHARP[0] and depth < _SHARP[1] and x.rho.min() > 0.0)
     return Opening(images, x, P, used, certain)
 
 

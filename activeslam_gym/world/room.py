@@ -21,6 +21,7 @@ _CORNER_DISTANCE, _WALL_DISTANCE = 1.4, 0.7
 """Of a start in a corner from its two walls, and of one along a wall from it [m]."""
 _START_MARGIN = 0.45  # between a start and whatever stops the camera [m]
 _TRIES = 1000
+_CROWDED_TRIES = 50  # of these so many, at most, with too little space for the landmarks
 _MESHES = ".glb", ".gltf", ".obj", ".off", ".ply", ".stl"  # endings of files that are meshes
 _BATCHES = 60  # so often landmarks are drawn, until enough are apart
 
@@ -74,34 +75,42 @@ def draw_room(scenario: Scenario, rng: np.random.Generator) -> Room:
     everything can be reached. A foreign scene has the landmarks on its surfaces.
 
     Raises:
-        NoRoomError: no such room was found; the scenario's boxes or its points leave too little space, or nothing
-            stands at the distance of the fiducials.
+        NoRoomError: no such room was found; the scenario's boxes or its points leave too little space, the start is
+            too uncertain, or nothing stands at the distance of the fiducials.
         ValueError: a foreign scene gave a wrong answer.
     """
     beyond_wall = scenario.fiducial_distance[1] > 0.5 * scenario.room_size[2]  # fiducials may be, where it is near
-    searched = beyond_wall or scenario.has_bodies or scenario.on_surfaces or scenario.point_spacing
-    if scenario.start == CENTRE and not searched:
-        boxes, nowhere = np.empty((0, 2, 3)), np.empty((0, 3))
-        place = _draw_place(scenario, boxes, rng)
-        camera, landmarks = draw_start(scenario, rng, place), _landmarks(scenario, boxes, nowhere, rng)
-        return Room(place, camera, _floating(scenario, scenario.fiducial_count, camera, rng), landmarks, nowhere, boxes)
-    foreign = scenario.has_foreign_scene
+    searched = beyond_wall or scenario.has_bodies or scenario.on_surfaces or scenario.point_spacing > 0.0
+    searched |= scenario.start != CENTRE or not _sees_floating(scenario)
+    foreign, crowded = scenario.has_foreign_scene, 0
     for _ in range(_TRIES):
         scene = draw_scene(scenario, rng) if foreign else None
-        boxes = np.empty((0, 2, 3)) if foreign else draw_boxes(scenario, rng)
+        boxes = draw_boxes(scenario, rng) if searched and not foreign else np.empty((0, 2, 3))
         place = _draw_place(scenario, boxes, rng)
         if start := getattr(scene, "start", None):
             place[:3] = start(rng)
         camera = draw_start(scenario, rng, place)
-        fiducials = _in_view(scenario, boxes, camera, rng, scene)
-        if fiducials is None or not (foreign or reachable(scenario, boxes, place, scenario.wall_margin + 0.05)):
+        if not _is_free(scenario, boxes, camera[POSITION], scene):
             continue
-        found = _landmarks(scenario, boxes, fiducials, rng, scene)
-        return Room(place, camera, fiducials, found[:, :3], found[:, 3:].reshape(-1, 3), boxes, scene)
+        if not searched:
+            landmarks, nowhere = _landmarks(scenario, boxes, np.empty((0, 3)), rng), np.empty((0, 3))
+            fiducials = _floating(scenario, scenario.fiducial_count, camera, rng)
+            return Room(place, camera, fiducials, landmarks, nowhere, boxes)
+        seen = _in_view(scenario, boxes, camera, rng, scene)
+        if seen is None or not (foreign or reachable(scenario, boxes, place, scenario.wall_margin + 0.05)):
+            continue
+        try:
+            found = _landmarks(scenario, boxes, seen, rng, scene)
+        except NoRoomError as error:
+            crowded += 1
+            if crowded == _CROWDED_TRIES:
+                raise NoRoomError(f"{error}, in {crowded} tries") from None
+            continue
+        return Room(place, camera, seen, found[:, :3], found[:, 3:].reshape(-1, 3), boxes, scene)
     if foreign:
         cause = "its bodies stand where the camera starts, or hide its fiducials"
         raise NoRoomError(f"scene {name_of(scenario.scene)!r}: no room was found in {_TRIES} tries: {cause}")
-    cause = "too many boxes or walls, boxes too large, point_spacing too large, or nothing in view at fiducial_distance"
+    cause = "too many boxes or walls, boxes, point_spacing or position_std too large, or no view at fiducial_distance"
     raise NoRoomError(f"scenario {scenario.name!r}: no room was found in {_TRIES} tries: {cause}")
 
 
@@ -160,7 +169,7 @@ def _landmarks(
         if len(found) == count:
             return np.array(found)
         apart = [taken, *(point[None, :3] for point in found)]
-    crowd = f"its landmarks do not fit in a room, {spacing:g} m apart"
+    crowd = f"its landmarks do not fit in a room, {f'{spacing:g} m apart' if spacing else 'beside its boxes'}"
     raise NoRoomError(f"scenario {scenario.name!r}: {crowd}")
 
 
@@ -237,6 +246,30 @@ def _floating(scenario: Scenario, count: int, start: np.ndarray, rng: np.random.
     return np.reshape(fiducials, (-1, 3))
 
 
+def _sees_floating(scenario: Scenario) -> bool:
+    """Whether the first camera sees all `_floating` points, walls aside: those of the corner farthest from the axis."""
+    camera, z = camera_of(scenario), np.empty(2)
+    size, axis = np.array([camera.width, camera.height]), np.array([camera.u0, camera.v0])
+    pixel = (0.5 + 0.5 * _FIDUCIAL_IMAGE_SHARE * np.where(axis < 0.5 * size, 1.0, -1.0)) * size
+    view, way = View(camera, np.zeros(3), np.eye(3)), ray_from_pixel(camera, pixel)
+    seen = all(visible(view, depth * way, 0.0, z) for depth in scenario.fiducial_distance)
+    return seen and np.abs(z - pixel).max() < 1.0  # a pixel beyond the image of infinity has the ray of another
+
+
+def _is_free(scenario: Scenario, boxes: np.ndarray, p: np.ndarray, scene: Scene | None) -> bool:
+    """Whether a camera may start at ``p`` (3,): far enough from the walls, the ``boxes`` and the foreign ``scene``."""
+    if (np.abs(p) > 0.5 * np.array(scenario.room_size) - scenario.wall_margin).any():
+        return False
+    own = len(scenario.boxes)
+    for given, margin in ((boxes[:own], scenario.wall_margin), (boxes[own:], _START_MARGIN)):
+        if inside_any(p[None], given, margin)[0]:
+            return False
+    if scene is None:
+        return True
+    free = scene.clearance(np.repeat(p[None], len(AROUND), axis=0), AROUND, _START_MARGIN)
+    return bool((free >= _START_MARGIN).all())
+
+
 def _in_view(
     scenario: Scenario, boxes: np.ndarray, start: np.ndarray, rng: np.random.Generator, scene: Scene | None = None
 ) -> np.ndarray | None:
@@ -247,14 +280,6 @@ def _in_view(
     camera, R_WC, half = camera_of(scenario), rotation_matrix(start[QUATERNION]), 0.5 * np.array(scenario.room_size)
     found: list[np.ndarray] = []
     z, view = np.empty(2), View(camera, start, R_WC, boxes)
-    own = len(scenario.boxes)
-    for given, margin in ((boxes[:own], scenario.wall_margin), (boxes[own:], _START_MARGIN)):
-        if inside_any(start[None, :3], given, margin)[0]:
-            return None
-    if scene is not None:
-        free = scene.clearance(np.repeat(start[None, :3], len(AROUND), axis=0), AROUND, _START_MARGIN)
-        if (free < _START_MARGIN).any():
-            return None
     for _ in range(20 * scenario.fiducial_count):
         if len(found) == scenario.fiducial_count:
             break

@@ -86,6 +86,32 @@ def test_points_are_apart_wherever_they_are_and_a_room_without_enough_space_is_r
         draw_room(full, np.random.default_rng(0))
 
 
+def test_where_clusters_fall_into_a_box_another_room_is_drawn() -> None:
+    """A reset raised NoRoomError, and ended a training, though the next room would have done."""
+    core = ((-2.0, -1.2, -2.0), (2.0, 1.2, 2.0))
+    one = {"landmark_layout": CLUSTERS, "cluster_count": 1, "cluster_std": 0.1}
+    scenario = Scenario(room_size=(8.0, 2.4, 8.0), start=WALL, boxes=(core,), **one)
+    for seed in range(30):
+        room = draw_room(scenario, np.random.default_rng(seed))
+        assert not inside_any(room.landmarks, room.boxes).any()
+
+
+@pytest.mark.parametrize("limit", [{"maximum_distance": 1.5}, {"minimum_depth": 1.5}, {"principal_x_px": 0.0}])
+def test_fiducials_are_within_the_limits_of_the_sensor(limit: dict[str, float]) -> None:
+    scenario, z = Scenario(**limit), np.empty(2)
+    for seed in range(20):
+        room = draw_room(scenario, np.random.default_rng(seed))
+        view = View(camera_of(scenario), room.camera, rotation_matrix(room.camera[3:7]), room.boxes)
+        assert all(visible(view, point, 0.0, z) for point in room.fiducials)
+
+
+@pytest.mark.parametrize("start", [CENTRE, WALL, ANYWHERE])
+def test_a_first_pose_is_within_the_walls_however_uncertain(start: str) -> None:
+    scenario = Scenario(start=start, position_std=(0.5, 0.5, 0.5))
+    cameras = np.array([draw_room(scenario, np.random.default_rng(seed)).camera for seed in range(100)])
+    assert (np.abs(cameras[:, :3]) <= 0.5 * np.array(scenario.room_size) - scenario.wall_margin).all()
+
+
 def test_starts_are_where_they_should_be() -> None:
     corners, headings = set(), set()
     for seed in range(60):
@@ -150,7 +176,9 @@ def started(**fields):
 
 
 def test_what_is_too_far_is_not_detected_and_its_absence_tells_nothing() -> None:
-    near, far = (gym.make("ActiveSLAM-v0", scenario={"maximum_distance": d}, gaze_period=0.25) for d in (2.0, None))
+    near_by = {"fiducial_distance": (0.8, 1.2)}  # both draw the same room: all fiducials are within 2 m
+    scenarios = ({"maximum_distance": most, **near_by} for most in (2.0, None))
+    near, far = (gym.make("ActiveSLAM-v0", scenario=scenario, gaze_period=0.25) for scenario in scenarios)
     for env in (near, far):
         env.reset(seed=4)
         env.step((Motion.STAY, 2))

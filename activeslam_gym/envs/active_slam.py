@@ -324,7 +324,8 @@ class ActiveSLAMPixelsEnv(ActiveSLAMEnv):
       landmarks is ``uniform``, a furnished room whose walls, floor and boxes have textures, or ``clusters``: a bare
       room with ``cluster_count`` groups of posters on its walls. The greatest distance stays as in ``paper``, and
       nothing is varied. The front end associates and deletes features by their looks, so that ``association``,
-      ``restarts``, ``maximum_misses``, ``miss_spacing`` and ``inverse_depth_memory`` must keep their defaults.
+      ``restarts``, ``maximum_misses``, ``miss_spacing``, ``inverse_depth_memory`` and ``new_feature_gate_probability``
+      must keep their defaults; and so must fields of depth particles, boxes, doors, ``cluster_std``, ``facing_angle``.
     - ``landmark_count``, N, bounds the map (N + 13 features) instead of telling how many points the room has.
     - Truth of a landmark is the scene point that its feature follows, by ray-casting. Of the N slots of the log
       score, one without a feature scores a random point of the room by the prior.

@@ -229,7 +229,9 @@ def checked_images(sensor: Any) -> str:
 _NOT_TEXTURED = (
     *("scene", "estimator", "initialisation", "association", "restarts", "maximum_misses", "miss_spacing"),
     *("inverse_depth_memory", "labelled_first_match", "boxes", "box_count", "inner_walls", "varied"),
-    *("maximum_distance", "clutter_rate", "missed_detection_probability"),
+    *("maximum_distance", "clutter_rate", "missed_detection_probability", "new_feature_gate_probability"),
+    *("cluster_std", "facing_angle", "box_width", "box_height", "door_width"),
+    *("particle_count", "particle_depth", "particle_prune", "particle_baseline"),
 )
 """Fields that must keep their defaults in a textured room: its drawing and its front end do not read them."""
 

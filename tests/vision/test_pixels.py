@@ -76,6 +76,13 @@ def test_a_room_that_is_not_drawn_is_refused(field: str, value: str) -> None:
         gym.make(NAME, scenario=dataclasses.replace(SCENARIOS["pixels"], **{field: value}))
 
 
+@pytest.mark.parametrize("field", ["cluster_std", "facing_angle", "new_feature_gate_probability", "door_width"])
+def test_a_field_without_an_effect_on_images_is_refused(field: str) -> None:
+    value = 0.9 * getattr(SCENARIOS["pixels"], field)
+    with pytest.raises(ValueError, match=f"scenario.{field} must be .* for images"):
+        gym.make(NAME, scenario=dataclasses.replace(SCENARIOS["pixels"], **{field: value}))
+
+
 @pytest.mark.parametrize("start", ["corner", "wall"])
 def test_the_camera_knows_where_it_is_from_a_start_at_a_wall(start: str) -> None:
     env = gym.make(NAME, scenario=dataclasses.replace(SCENARIOS["pixels"], start=start, room_size=(7.0, 2.4, 7.0)))

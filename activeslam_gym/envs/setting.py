@@ -33,7 +33,7 @@ from activeslam_gym.information.candidates import UNLIMITED, SensorLimits
 from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.kernels import Record, filled
 from activeslam_gym.metrics import LOST_POSITION_ERROR
-from activeslam_gym.motion import motion_of
+from activeslam_gym.motion import LARGEST_ACCELERATION, motion_of
 from activeslam_gym.registry import name_of, number_of, part_of
 from activeslam_gym.sensors.sensor import IMAGES, OWN_SENSORS, POINTS, TEXTURED
 from activeslam_gym.slam.ekf import ESTIMATORS
@@ -48,6 +48,8 @@ _NO_FIELDS = (
 """Arguments of an environment that no scenario has as a field."""
 _PARTS = {"scene": "scene", "sensor": "sensor", "estimator": "estimator", "criterion": "motion_criterion"}
 """Arguments that take the place of a field of the scenario."""
+_MINIMUM_JERK_PEAK = 10.0 / math.sqrt(3.0)
+"""Greatest acceleration of a minimum-jerk translation, in lengths over its squared time."""
 PICTURE_SIDE = (64, 8192)  # the least and the most pixels of a picture's side
 
 
@@ -113,6 +115,11 @@ def resolve(
     step_time = frames_per_step * frame
     steps_per_motion = whole_multiple("motion_period", motion_period, "gaze_period", step_time, most // frames_per_step)
     steps = whole_multiple("duration", duration, "gaze_period", step_time)
+    least = math.sqrt(_MINIMUM_JERK_PEAK * resolved.step_length / LARGEST_ACCELERATION)
+    if steps_per_motion * step_time < least:
+        short = f"motion_period {motion_period:g} s is too short for a translation of {resolved.step_length:g} m"
+        limit = f"with at most {LARGEST_ACCELERATION:g} m/s^2 it takes {least:.3g} s or more"
+        gymnasium.logger.warn(f"{short}, which will end before its goal: {limit}")
     if not isinstance(end_when_lost := plain(end_when_lost), bool):
         raise ValueError(f"end_when_lost must be True or False, got {end_when_lost!r}")
     task = filled(

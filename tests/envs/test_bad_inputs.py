@@ -131,6 +131,16 @@ def test_points_in_a_scenario_of_images_are_a_warning(recwarn: pytest.WarningsRe
         refuses("sensor", make, "ActiveSLAMPixels-v0", sensor="points")
 
 
+def test_a_motion_period_in_which_no_translation_reaches_its_goal_is_a_warning(
+    recwarn: pytest.WarningsRecorder,
+) -> None:
+    """The limit of accelerations cut 0.3 m in 0.25 s to 0.23 m, and scores were of the goal."""
+    ActiveSLAMEnv(motion_period=0.5)
+    assert not recwarn
+    with pytest.warns(UserWarning, match="motion_period 0.25 s is too short .* of 0.3 m.* 0.416 s or more"):
+        ActiveSLAMEnv(motion_period=0.25)
+
+
 def test_an_unknown_argument_has_the_error_message_of_python_which_torchrl_reads() -> None:
     with pytest.raises(TypeError, match="unexpected keyword argument 'frameskip'"):
         ActiveSLAMEnv(frameskip=1)  # type: ignore[call-arg]

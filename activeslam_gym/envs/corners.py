@@ -50,7 +50,7 @@ _MOST = 60  # corners of a level
 
 RULES = record(
     drift="f8", most_change="f8", largest_area="f8", gate="f8", trials="f8", enough="f8",
-    initialised="i8", visible="i8", least_visible="i8", lost_after="i8", fiducial_blur="f8",
+    initialised="i8", visible="i8", least_visible="i8", lost_after="i8", blur="f8",
     fiducial_bias_std="f8", redrawn="f8", feature_bias_std="f8", probation="f8",
 )  # fmt: skip
 """The front end's rules of what is searched, believed, deleted and initialised; see `FrontEndSettings`."""
@@ -178,7 +178,7 @@ def _search(run: Run, rules: Record, corners: Corners, draws: np.ndarray) -> int
     believed, z = positions_of(belief), np.empty(2)
     v, found = sight.point.shape[0], 0
     reach = models.lens.focal * distance_between(fiducials[0], fiducials[1]) / _TARGET_PX
-    tried, blur = np.zeros(v, np.bool_), rules.fiducial_blur * speeds(models.lens, belief.state.camera, fiducials)
+    tried, blur = np.zeros(v, np.bool_), rules.blur * speeds(models.lens, belief.state.camera, fiducials)
     for i in range(v):
         point = sight.point[i]
         m = _place(memory, point.id) if point.id > 0 else -1

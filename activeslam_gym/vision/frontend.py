@@ -22,7 +22,7 @@ from activeslam_gym.vision.recovery import PRIOR, Restart, drawn_templates, like
 from activeslam_gym.vision.search import SEARCH, Findings, search
 from activeslam_gym.vision.settings import FrontEndSettings
 from activeslam_gym.vision.templates import TEMPLATE_HALF, TEMPLATE_SIDE, TemplateMap, shows_template
-from activeslam_gym.vision.views import is_outdated, reduced, speeds, view_from
+from activeslam_gym.vision.views import is_outdated, reduced, speeds, velocities, view_from
 
 MISSED, MATCHED, DOUBTED = 0, 1, 2
 """Outcomes of a search: nothing similar was found; the filter believed the candidate; the filter did not."""
@@ -276,8 +276,12 @@ class FrontEnd:
         fiducial = id < 0
         if fiducial.any():
             speed = speeds(self.camera, self.filter.mean, self.filter.fiducials[-1 - id[fiducial]])
-            more = s.fiducial_std**2 - s.floor_std**2 + (s.fiducial_blur * speed) ** 2
+            more = s.fiducial_std**2 - s.floor_std**2 + (s.blur * speed) ** 2
             R[fiducial] += more[:, None, None] * np.eye(2)
+        if not len(self.filter.fiducials):
+            points = self.filter.positions[np.searchsorted(self.filter.ids, id)]
+            blur = s.blur * velocities(self.camera, self.filter.mean, points)
+            R += blur[:, :, None] * blur[:, None, :]
         R[~self._template_map.proven(places[row])] *= s.probation**2 if len(self.filter.fiducials) else 1.0
         lens = s.lens_std * (2.0 * np.hypot(*(pixel - self._centre).T) / self._width) ** 2
         astray = s.residual_weight * self._template_map.residual[places[row]]

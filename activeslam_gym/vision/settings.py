@@ -29,7 +29,9 @@ class FrontEndSettings:
     lasting_std: float = 0.0  # error of a template that is the same in all images of a view; adds up over them [px]
     grain: float = 10.0  # inflation of the covariance of the sub-pixel fit
     fiducial_std: float = 0.3  # `floor_std` of a fiducial, whose template is drawn [px]
-    fiducial_blur: float = 0.003  # deviation of a fiducial for each pixel a second that it moves: blur shifts it [s]
+    blur: float = (
+        0.003  # deviation for each pixel a second, of fiducials; without them of features, along their way [s]
+    )
     fiducial_bias_std: float = 0.0  # error of a fiducial's pixel that stays until its template is drawn again [px]
     fitted_every: float = math.inf  # change of view after which the plane of a feature is fitted again [rad]
     redrawn: float = 0.4  # change of view, or turn, after which the target is drawn again [rad]
@@ -67,7 +69,7 @@ class FrontEndSettings:
 
 SIGHTED = FrontEndSettings(
     depth_prior=math.inf, visible=24, least_visible=8, lens_std=0.0, floor_std=0.015, lasting_std=0.02, grain=1.5,
-    fiducial_std=0.025, drift=0.6, fiducial_blur=0.001, fiducial_bias_std=0.025, redrawn=0.1, feature_bias_std=0.2,
+    fiducial_std=0.025, drift=0.6, blur=0.001, fiducial_bias_std=0.025, redrawn=0.1, feature_bias_std=0.2,
     residual_weight=12.0, most_change=0.7, least_score=0.87, most_residual=0.12, fitted_every=0.05,
 )  # fmt: skip
 """The front end of a camera whose lens is known, in a room whose map should hold all of it."""

@@ -67,11 +67,22 @@ def projected(camera: Record, pose: np.ndarray, points: np.ndarray) -> np.ndarra
 
 
 @compiled
+def _steps(camera: Record, mean: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(n, 2) ways of the ``points`` (n, 3) [m] in the image of a camera with the ``mean`` (13,) in a moment [px]."""
+    return pixels_of(camera, transition(mean, np.zeros(6), _MOMENT), points) - pixels_of(camera, mean, points)
+
+
+@compiled
 def speeds(camera: Record, mean: np.ndarray, points: np.ndarray) -> np.ndarray:
     """(n,) speeds of the ``points`` (n, 3) [m] in the image of a camera with the ``mean`` (13,) [px/s]; 0 behind it."""
-    here, there = pixels_of(camera, mean, points), pixels_of(camera, transition(mean, np.zeros(6), _MOMENT), points)
-    out = np.hypot(there[:, 0] - here[:, 0], there[:, 1] - here[:, 1]) / _MOMENT
+    step = _steps(camera, mean, points)
+    out = np.hypot(step[:, 0], step[:, 1]) / _MOMENT
     return np.where(np.isnan(out), 0.0, out)
+
+
+def velocities(camera: Record, mean: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(n, 2) the same as vectors."""
+    return np.nan_to_num(_steps(camera, mean, points)) / _MOMENT
 
 
 def pose_of(turn: np.ndarray, shift: np.ndarray) -> np.ndarray:

@@ -22,6 +22,7 @@ from activeslam_gym.motion import CAMERA_SIZE, QUATERNION
 from activeslam_gym.vision.bundle import Bundle, Geometry
 from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.first_sight import seen_corners, start_pose
+from activeslam_gym.vision.frontend import FrontEnd
 from activeslam_gym.vision.report import TURNED
 from activeslam_gym.vision.room.camera import RoomCamera
 from activeslam_gym.vision.sources import Frame
@@ -279,6 +280,25 @@ def test_the_start_bridges_neither_a_cut_nor_a_gap_in_time(pause: bool) -> None:
     done = follow([((k + 15 * (pause and k >= 12)) / 30.0, one) for k, one in enumerate(images)], lens, None, 30.0)
     assert done.start_certain and np.flatnonzero(done.lost).tolist() == [*range(13)]
     assert turn_errors(done._replace(cameras=done.cameras[13:]), cameras[13:]).max() < np.radians(0.5)
+
+
+def test_without_a_target_blur_makes_features_uncertain_along_their_way() -> None:
+    time, ratios = np.arange(70) / 30.0, list[float]()
+    cameras = at_rest(70)
+    cameras[:, 0], cameras[:, 7] = 0.2 * np.sin(1.5 * time), 0.3 * np.cos(1.5 * time)
+    turns = Rotation.from_rotvec(0.5 * np.outer(np.sin(4.0 * time), (0, 1, 0)))
+    cameras[:, 3:7], cameras[:, 11] = np.roll(turns.as_quat(), 1, axis=1), 2.0 * np.cos(4.0 * time)
+
+    def look(front_end: FrontEnd, *_: Any) -> None:
+        R = front_end.candidates["R"][front_end.candidates["id"] > 0]
+        ratios.extend([float(np.median(R[:, 0, 0] / R[:, 1, 1]))] if len(R) else [])
+
+    lens = lens_of(400.0)
+    room = RoomCamera(EXCERPTS, lens.camera, np.random.SeedSequence(6))
+    images = [(at, room.photograph(camera, k)) for k, (at, camera) in enumerate(zip(time, cameras))]
+    done = follow(images, lens, None, 30.0, watch=look)
+    assert min(ratios) < 3.0 and max(ratios) > 10.0
+    assert done.doubt or turn_errors(done, cameras).max() < np.radians(1.5)
 
 
 def test_a_start_in_motion_is_right() -> None:

@@ -130,7 +130,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     |---|---|---|
     | `scenario` | `"paper"` | a name in `SCENARIOS`, a dict of the fields of `Scenario`, or a `Scenario` |
     | `gaze_period` | `None` | time of a step [s], whole frames; `None`: at most the scenario's (0.25 s) |
-    | `motion_period` | `1.0` | time of a translation, 0.42 s or more [s], whole gaze periods |
+    | `motion_period` | `1.0` | time of a translation [s], whole gaze periods; under 0.42 it falls short |
     | `duration` | `None` | time of an episode [s], a whole number of gaze periods; `None`: the scenario's (35 s) |
     | `reward` | `"entropy"` | the potential: a name in `envs.reward.REWARDS`, or a function |
     | `lost_position_error` | `0.5` | true position error beyond which the episode is lost [m] |

@@ -240,7 +240,7 @@ class EpisodeLog(BaseCallback):
         window: The last so many episodes count.
 
     Raises:
-        ValueError: ``window`` is no positive number; or later, the learner is ARS, which tells callbacks of no steps.
+        ValueError: ``window`` is no positive number; or later, the learner is ARS, which calls back in no step.
         KeyError: an environment's ``info`` has no ``log_score``: it is none of ActiveSLAM.
     """
 
@@ -252,7 +252,7 @@ class EpisodeLog(BaseCallback):
 
     def _on_step(self) -> bool:
         if "infos" not in self.locals:
-            raise ValueError("EpisodeLog: the learner tells callbacks of no steps, as ARS; allowed: any other")
+            raise ValueError("EpisodeLog: the learner calls back in no step, as ARS; allowed: any other")
         ended = [info for info, done in zip(self.locals["infos"], self.locals["dones"]) if done]
         self._ended.extend((info["log_score"], info["lost"] or info["log_score"] < 0.0) for info in ended)
         if ended:

@@ -167,7 +167,7 @@ def _demand_marker_size(board: Board, camera: Record, corners: Any, numbers: Any
     """A ValueError, if the markers are not as large against the squares as the ``board`` says. A homography has the
     board's plane and the rays of the ``camera``, which the lens does not bend."""
     cv2, pattern = opencv(), board.pattern
-    corners, markers = (_rays(camera, np.reshape(one, (-1, 2)).astype(float)) for one in (corners, markers))
+    corners, markers = (rays_of(camera, np.reshape(one, (-1, 2)).astype(float)) for one in (corners, markers))
     on_board = pattern.getChessboardCorners()[np.ravel(numbers), :2]
     H, _ = cv2.findHomography(on_board, corners)
     if H is None:
@@ -180,7 +180,7 @@ def _demand_marker_size(board: Board, camera: Record, corners: Any, numbers: Any
         raise ValueError(f"the target contradicts the first image: check marker and square; a marker has {share}")
 
 
-def _rays(camera: Record, pixels: np.ndarray) -> np.ndarray:
+def rays_of(camera: Record, pixels: np.ndarray) -> np.ndarray:
     """(n, 2) where the rays of ``pixels`` (n, 2) meet the plane at depth 1."""
     return np.array([ray_from_pixel(camera, pixel)[:2] for pixel in pixels])
 
@@ -219,7 +219,7 @@ def start_pose(
     Raises:
         ValueError: no pose explains the pixels.
     """
-    cv2, rays = opencv(), _rays(camera, pixels)
+    cv2, rays = opencv(), rays_of(camera, pixels)
     try:
         _, turn, shift = cv2.solvePnP(points, rays, np.eye(3), None)
     except cv2.error as error:  # of corners that are on one line, or found twice

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.spatial.transform import Rotation
 
-from activeslam_gym.camera import View, ray_from_pixel
+from activeslam_gym.camera import View
 from activeslam_gym.geometry import rotation_error
 from activeslam_gym.kernels import Record, compiled
 from activeslam_gym.motion import QUATERNION
 from activeslam_gym.slam.sight import POSE_DIM
-from activeslam_gym.vision.first_sight import start_pose
+from activeslam_gym.vision.first_sight import rays_of, start_pose
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.templates import TEMPLATE_HALF, TEMPLATE_SIDE, Templates, predict_appearance
 from activeslam_gym.vision.views import pixels_of, pose_of
@@ -72,7 +72,7 @@ def locate(camera: Record, ids: np.ndarray, points: np.ndarray, pixels: np.ndarr
     if len(np.unique(ids)) < least:
         return None
     cv2 = opencv()
-    rays = np.array([ray_from_pixel(camera, pixel)[:2] for pixel in pixels])
+    rays = rays_of(camera, pixels)
     pinhole, straight, points = np.eye(3), np.zeros(4), np.ascontiguousarray(points)
     there, turn, shift, inliers = cv2.solvePnPRansac(
         points, rays, pinhole, straight, iterationsCount=_TRIALS, reprojectionError=_TOLERANCE / float(camera.focal),

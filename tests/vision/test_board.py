@@ -175,7 +175,7 @@ def test_the_bound_of_equation_1_grows_with_the_picture(size: int) -> None:
     with pytest.raises(ValueError, match="--model radtan"):
         fit_lens([(points, size * z) for points, z in OBLONG], size * 640, size * 480)
     slight = [(points, size * z * (1.0, 1.02)) for points, z in pinhole(0, 0.1)]
-    assert fit_lens(slight, size * 640, size * 480).residual_px == pytest.approx(0.0, abs=0.96 * size)
+    assert fit_lens(slight, size * 640, size * 480).residual_px < 0.96 * size
 
 
 def test_hidden_files_and_folders_are_no_images_and_other_endings_are_reported(tmp_path, capsys) -> None:

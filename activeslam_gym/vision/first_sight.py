@@ -1,18 +1,18 @@
 """The target in the first image: its corners below the pixel, and the pose of the camera before it."""
 
+import math
 from typing import Any
 
 import numpy as np
 from scipy.ndimage import map_coordinates
-from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from activeslam_gym.camera import pixel_from_camera_point, ray_from_pixel
 from activeslam_gym.geometry import rotate_left
-from activeslam_gym.kernels import Record
+from activeslam_gym.kernels import Record, compiled
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.target import CHARUCO, LEGACY, Board, Rectangle, Target, markers_of
-from activeslam_gym.vision.views import pose_of, projected
+from activeslam_gym.vision.views import pixels_and_jacobian, pose_of, projected
 
 _SIDES = ((0, 1), (2, 3), (0, 2), (1, 3))  # of the rectangle, by corners: top, bottom, left, right
 _REACH = 4.0  # corners of a rectangle are known to so many pixels
@@ -24,6 +24,7 @@ _WINDOW = 0.8  # half side of the window of a corner's fit, in the free space ar
 _MODULES = 10.0  # black and white fields along a tag, at most
 _MISSED = (0.6, 0.004)  # most that corners' pixels deviate by: pixels, or a share of the target's extent if more
 _MARKER_ERROR = 0.1  # most that the side of a ChArUco board's markers may be off
+_ITERATIONS = 50  # of the fit of a pose, at most
 _FIDUCIALS = 8  # corners of a board that are searched in every image
 
 
@@ -228,15 +229,9 @@ def start_pose(
     mirrored = (half_turn * Rotation.from_rotvec(turn.ravel()) * Rotation.from_rotvec((0.0, 0.0, np.pi))).as_rotvec()
     fits = []
     for pose in (pose_of(turn, shift), pose_of(mirrored, shift)):
-        try:
-            for _ in range(2):  # the second time at the minimum, so that its Jacobian is by the pose there
-                given = (camera, points, pixels, pose)
-                fit = least_squares(_residuals, np.zeros(6), args=given, method="lm", xtol=1e-12)
-                pose = _moved(pose, fit.x)
-        except ValueError:
-            continue  # a point behind the camera
-        if pose[2] > 0.0:
-            fits.append((fit.cost, pose, corner_std**2 * np.linalg.inv(fit.jac.T @ fit.jac)))
+        pose, J, cost = _nearest_fit(camera, points, pixels, pose)
+        if not math.isnan(cost) and pose[2] > 0.0:
+            fits.append((cost, pose, corner_std**2 * np.linalg.inv(J.T @ J)))
     if not fits:
         tags = "are its tags counted from the bottom, as in Kalibr's AprilGrid?"
         why = "check the order of its corners_px" if len(points) < LEAST_CORNERS else tags  # a rectangle has four
@@ -244,11 +239,34 @@ def start_pose(
     return min(fits, key=lambda fit: fit[0])[1:]
 
 
-def _residuals(x: np.ndarray, camera: Record, points: np.ndarray, pixels: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    """(2 n,) predicted - measured pixels from the ``pose`` moved by ``x``."""
-    return (projected(camera, _moved(pose, x), points) - pixels).ravel()
+@compiled
+def _nearest_fit(
+    camera: Record, points: np.ndarray, pixels: np.ndarray, pose: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """The pose (7,) of a minimum near ``pose`` of the sum of squares of predicted - measured ``pixels`` (n, 2), the
+    Jacobian (2 n, 6) there, and the sum, NaN if a point is behind the camera: Levenberg and Marquardt's method."""
+    r, J = pixels_and_jacobian(camera, pose, points)
+    r -= pixels
+    cost, damping = (r * r).sum(), 1e-3
+    for _ in range(0 if math.isnan(cost) else _ITERATIONS):
+        A = np.dot(J.T, J)
+        for k in range(6):
+            A[k, k] *= 1.0 + damping
+        step = np.linalg.solve(A, -np.dot(J.T, r.reshape(-1)))
+        there = _moved(pose, step)
+        r_there, J_there = pixels_and_jacobian(camera, there, points)
+        r_there -= pixels
+        cost_there = (r_there * r_there).sum()
+        if cost_there < cost:
+            pose, r, J, cost, damping = there, r_there, J_there, cost_there, 0.1 * damping
+        else:
+            damping *= 10.0
+        if not np.abs(step).max() > 1e-9:
+            break
+    return pose, J, cost
 
 
+@compiled
 def _moved(pose: np.ndarray, x: np.ndarray) -> np.ndarray:
     """The ``pose`` (7,) shifted and turned, in the world frame, by ``x`` (6,)."""
     return np.concatenate((pose[:3] + x[:3], rotate_left(x[3:], pose[3:])))

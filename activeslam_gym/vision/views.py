@@ -16,6 +16,7 @@ from activeslam_gym.camera import (
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record, compiled
 from activeslam_gym.motion import QUATERNION, transition
+from activeslam_gym.slam.sight import point_measurement
 from activeslam_gym.vision.opencv import opencv
 
 _MOMENT = 1e-3  # over which speeds are measured [s]
@@ -64,6 +65,17 @@ def projected(camera: Record, pose: np.ndarray, points: np.ndarray) -> np.ndarra
     if np.isnan(out := pixels_of(camera, pose, points)).any():
         raise ValueError("a corner of the target is behind the camera")
     return out
+
+
+@compiled
+def pixels_and_jacobian(camera: Record, pose: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same, and the Jacobian (2 n, 6) by position and rotation (world frame)."""
+    view, out = View(camera, pose, rotation_matrix(pose[QUATERNION])), np.full((points.shape[0], 2), np.nan)
+    J, H_y = np.zeros((2 * points.shape[0], 6)), np.empty((2, 3))
+    for k in range(points.shape[0]):
+        if not point_measurement(view, points[k], out[k], J[2 * k : 2 * k + 2], H_y):
+            out[k] = np.nan
+    return out, J
 
 
 @compiled

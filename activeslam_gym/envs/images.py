@@ -1,5 +1,7 @@
 """The sensor `images`: a rendered camera and a front end, which searches it for the features of the filter."""
 
+from functools import partial
+
 import numpy as np
 
 from activeslam_gym.camera import camera_point, pixel_from_camera_point
@@ -18,6 +20,7 @@ from activeslam_gym.slam.filter import Filter
 from activeslam_gym.slam.kalman import update_contact
 from activeslam_gym.vision.frontend import FrontEnd
 from activeslam_gym.vision.room.camera import FollowedPoints, RoomCamera, introduce_target
+from activeslam_gym.vision.search import Photograph
 from activeslam_gym.vision.settings import SIGHTED
 from activeslam_gym.world.simulator import CLUTTER_LABEL
 
@@ -43,7 +46,15 @@ class ImagePerception(Perception):
         introduce_target(self._front_end, self._camera.fiducials, start)
         self._spare = run.world.landmarks.copy()
         self._followed = FollowedPoints(self._camera)
-        self.image = self._camera.photograph(run.world.state.camera, 0)
+        self._photograph = self._photographed(run, 0)
+
+    @property
+    def image(self) -> np.ndarray:
+        """(H, W) uint8 the last image."""
+        return self._photograph.whole
+
+    def _photographed(self, run: Run, frame: int) -> Photograph:
+        return Photograph(partial(self._camera.photograph, run.world.state.camera.copy(), frame))
 
     def frame(self, run: Run, u: np.ndarray, contact: bool) -> None:
         """Photograph the room, and let the front end search it, under the known accelerations ``u`` (6,)."""
@@ -60,10 +71,10 @@ class ImagePerception(Perception):
     def _look(self, run: Run, u: np.ndarray) -> None:
         state, counts = run.world.state.camera, self._filter.counts
         frame = int(run.world.state.frame) + 1
-        self.image = self._camera.photograph(state, frame)
-        log = self._front_end.step(self.image, frame * float(run.models.motion.dt), u)
+        self._photograph = self._photographed(run, frame)
+        log = self._front_end.step(self._photograph, frame * float(run.models.motion.dt), u)
         found, events = self._front_end.candidates, run.episode.events
-        self._followed.look(state, self.image, found)
+        self._followed.look(state, self._photograph, found)
         events.initialised += log.initialised
         events.rejected_matches += log.rejected
         for name in _COUNTED:

@@ -19,7 +19,7 @@ from activeslam_gym.slam.filter import Filter
 from activeslam_gym.slam.sight import INSIDE
 from activeslam_gym.vision.corners import new_corners
 from activeslam_gym.vision.recovery import PRIOR, Restart, drawn_templates, likeliest_corners, locate
-from activeslam_gym.vision.search import SEARCH, Findings, search
+from activeslam_gym.vision.search import SEARCH, Findings, Photograph, search, windows
 from activeslam_gym.vision.settings import FrontEndSettings
 from activeslam_gym.vision.templates import TEMPLATE_HALF, TEMPLATE_SIDE, TemplateMap, shows_template
 from activeslam_gym.vision.views import is_outdated, reduced, speeds, velocities, view_from
@@ -90,8 +90,10 @@ class FrontEnd:
         """(M,) those of the last image with the filter's answer, in its pixels; new features at the end."""
         self.searched = NOTHING
         """The searches of the last image, in its pixels; none before the second image."""
-        self._image = self._grey = np.zeros((0, 0))  # the last image at the filter's size: uint8, and float32
+        self._image = np.zeros((int(self.camera.height), int(self.camera.width)), np.uint8)  # of that size, the last
+        self._grey = self._image.astype(np.float32)
         self._last_view: np.ndarray | None = None  # pose (7,) from which the map was seen last
+        self._photograph: Photograph | None = None  # of which that is a part
         self._blind = 0  # images in a row without the map
         self._after_gap = False  # the map was not seen since a gap in time
         self._scale = 1.0  # pixels of an image, along a side, to one of the filter's
@@ -169,16 +171,19 @@ class FrontEnd:
         self.add_feature_bias(arrays)
         return arrays
 
-    def step(self, image: np.ndarray, time_s: float, u: np.ndarray | None = None) -> FrameLog:
+    def step(self, image: np.ndarray | Photograph, time_s: float, u: np.ndarray | None = None) -> FrameLog:
         """Go on to the ``image`` (h, w) uint8 of ``time_s`` [s], under the known accelerations ``u`` (6,), if any.
 
-        One that repeats the last image shows the camera where it was then, and is no measurement of where it is.
+        One that repeats the last image shows the camera where it was then, and is no measurement of where it is. Of a
+        photograph, of the size of the filter's camera, only what is looked at is worked out.
         """
         began, s, last = time.thread_time(), self.settings, self._image
-        self._take(image)
-        if self._blind == 0 and np.array_equal(self._image, last):
-            self.repeated += 1
-            return self._unsearched(time_s, time.thread_time() - began)
+        self._photograph = image if isinstance(image, Photograph) else None
+        if not isinstance(image, Photograph):
+            self._take(image)
+            if self._blind == 0 and np.array_equal(self._image, last):
+                self.repeated += 1
+                return self._unsearched(time_s, time.thread_time() - began)
         self._frame += 1
         dt, self._time = time_s - self._time, time_s
         if self._last_view is not None and dt > self.longest_step:
@@ -210,6 +215,11 @@ class FrontEnd:
         self._image = reduced(image, self._scale)
         self._grey = self._image.astype(np.float32)
 
+    def _look_at(self, windows: np.ndarray | None = None) -> None:
+        """Have these ``windows`` (n, 4) of a photograph, or the whole, worked out before they are read."""
+        if self._photograph is not None:
+            self._take(self._photograph.whole if windows is None else self._photograph.show(windows))
+
     @property
     def longest_step(self) -> float:
         """Time between two images, beyond which there is a gap [s]."""
@@ -225,6 +235,7 @@ class FrontEnd:
         s = self.settings
         if self._blind % s.lost_after or self._last_view is None:
             return None
+        self._look_at()
         ids = self._template_map.ids()
         rows = np.where(ids < 0, -1 - ids, len(self.filter.fiducials) + np.searchsorted(self.filter.ids, ids))
         points, places = self._points(rows), self._template_map.places(ids)
@@ -252,6 +263,8 @@ class FrontEnd:
         places[self._template_map.change_of_view(places, points, mean) > s.most_change] = -1
         view, templates = view_from(self.camera, mean), self._template_map.templates
         model, least = (self._near, 3) if self._is_lost else (self._model, 1)
+        searched = places >= 0
+        self._look_at(windows(model, self._grey, z_hat[searched], S[searched]))
         findings = search(view, model, templates, self._grey, places, points, z_hat, S)
         self.candidates = self._candidates(ids, places, findings)
         self.candidates["match"] = matched = self.filter.update(self.candidates, jointly=True, least=least)
@@ -347,6 +360,7 @@ class FrontEnd:
         wanted = min(most, s.visible - in_view)
         if wanted < s.initialised:
             return 0
+        self._look_at()
         if math.isfinite(s.depth_prior):
             self._expect_depths()
         born, count = np.zeros(wanted, DETECTION), 0

@@ -6,6 +6,8 @@ patch can be localised: along an edge, badly.
 """
 
 import math
+from collections.abc import Callable
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +18,7 @@ from activeslam_gym.vision.templates import TEMPLATE_HALF, TEMPLATE_SIDE, Templa
 
 PEAKS = 3  # most candidates of a feature
 _COUNT, _INNER = TEMPLATE_SIDE**2, (TEMPLATE_SIDE - 2) ** 2  # pixels of a template, and those that have a gradient
+_READ = TEMPLATE_HALF + 4  # pixels around the pixels of an ellipse that are read: the template, and its refinement
 
 SEARCH = record(
     gate="f8",  # the ellipse is d^2 < gate
@@ -65,6 +68,31 @@ def search(
         ):
             _search_one(model, image, T, z_hat[a], S[a], a, out)
     return out
+
+
+class Photograph:
+    """An image that is worked out where it is looked at: ``show`` gives the windows (n, 4) that it is asked for, beside
+    which it is black, or all of it (None). A window has first and last column, first and last row."""
+
+    def __init__(self, show: Callable[[np.ndarray | None], np.ndarray]) -> None:
+        self.show = show
+
+    @cached_property
+    def whole(self) -> np.ndarray:
+        """(h, w) uint8."""
+        return self.show(None)
+
+
+@compiled
+def windows(model: Record, image: np.ndarray, z_hat: np.ndarray, S: np.ndarray) -> np.ndarray:
+    """(n, 4) the windows of an image of that shape which `search` reads for ``z_hat`` (v, 2) and ``S`` (v, 2, 2)."""
+    out, n = np.empty((z_hat.shape[0], 4), np.int64), 0
+    for a in range(out.shape[0]):
+        if _is_searchable(image, z_hat[a], S[a]):
+            _, left, right, top, bottom = _ellipse(model, image, z_hat[a], S[a])
+            out[n, 0], out[n, 1], out[n, 2], out[n, 3] = left - _READ, right + _READ, top - _READ, bottom + _READ
+            n += 1
+    return out[:n]
 
 
 @compiled
@@ -145,17 +173,24 @@ def _correlate_row(image: np.ndarray, sums: np.ndarray, T: np.ndarray, top: int,
 
 
 @compiled
-def _search_one(
-    model: Record, image: np.ndarray, T: np.ndarray, z: np.ndarray, S: np.ndarray, a: int, out: Findings
-) -> None:
-    """Correlate ``T`` over the ellipse around ``z``; row ``a`` of ``out`` gets its peaks."""
-    h, w = image.shape
-    edge = TEMPLATE_HALF + 1
+def _ellipse(model: Record, image: np.ndarray, z: np.ndarray, S: np.ndarray) -> tuple[float, int, int, int, int]:
+    """The gate of the ellipse around ``z`` that is searched, its first and last column, its first and last row."""
+    (h, w), edge = image.shape, TEMPLATE_HALF + 1
     det = S[0, 0] * S[1, 1] - S[0, 1] * S[1, 0]
     gate = min(model.gate, model.largest_area / (math.pi * math.sqrt(det)))
     reach_x, reach_y = math.sqrt(gate * S[0, 0]), math.sqrt(gate * S[1, 1])
     left, right = max(edge, int(math.ceil(z[0] - reach_x))), min(w - 1 - edge, int(math.floor(z[0] + reach_x)))
     top, bottom = max(edge, int(math.ceil(z[1] - reach_y))), min(h - 1 - edge, int(math.floor(z[1] + reach_y)))
+    return gate, left, right, top, bottom
+
+
+@compiled
+def _search_one(
+    model: Record, image: np.ndarray, T: np.ndarray, z: np.ndarray, S: np.ndarray, a: int, out: Findings
+) -> None:
+    """Correlate ``T`` over the ellipse around ``z``; row ``a`` of ``out`` gets its peaks."""
+    det = S[0, 0] * S[1, 1] - S[0, 1] * S[1, 0]
+    gate, left, right, top, bottom = _ellipse(model, image, z, S)
     scores = np.full((max(bottom - top + 3, 3), max(right - left + 3, 3)), np.float32(-1.0))
     part = image[top - TEMPLATE_HALF : bottom + TEMPLATE_HALF + 1, left - TEMPLATE_HALF : right + TEMPLATE_HALF + 1]
     sums = integrals(part)

@@ -29,6 +29,7 @@ from activeslam_gym.world.room import draw_room
 PLAIN = Sensor(exposure=0.0, noise_std=0.0, gain_std=0.0)
 KEY = np.array([11], np.uint64)
 CAMERA = camera_of(Scenario())
+WHOLE = np.array([[0, CAMERA.width, 0, CAMERA.height]], np.int64)
 
 
 @cache
@@ -54,7 +55,20 @@ def random_state(rng: np.random.Generator, reach: float = 1.0) -> np.ndarray:
 
 
 def photograph(scene: Scene, x: np.ndarray, sensor: Sensor = PLAIN, frame: int = 0, key=KEY) -> np.ndarray:
-    return render(scene, lens(), sensor, x, frame, key)
+    return render(scene, lens(), sensor, x, frame, key, WHOLE)
+
+
+def test_the_windows_of_a_photograph_are_parts_of_the_whole() -> None:
+    rng, camera = np.random.default_rng(4), RoomCamera(Scenario(), CAMERA, np.random.SeedSequence(3))
+    for frame in range(8):
+        x = random_state(rng)
+        x[7:] = rng.normal(0.0, 0.3 * frame, 6)  # from no blur to much
+        left, top = rng.integers(-10, 300, 6), rng.integers(-10, 220, 6)
+        windows = np.stack((left, left + rng.integers(5, 60, 6), top, top + rng.integers(5, 60, 6)), axis=1)
+        whole, parts = camera.photograph(x, frame), camera.photograph(x, frame, windows)
+        for a, b, c, d in windows.clip(0):
+            np.testing.assert_array_equal(parts[c : d + 1, a : b + 1], whole[c : d + 1, a : b + 1])
+        assert (parts != whole).mean() > 0.1, "not all is worked out"
 
 
 def projection(x: np.ndarray, point: np.ndarray) -> np.ndarray:

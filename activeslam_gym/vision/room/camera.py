@@ -13,6 +13,7 @@ from activeslam_gym.vision.frontend import FrontEnd
 from activeslam_gym.vision.room.geometry import points_in_sight
 from activeslam_gym.vision.room.render import Sensor, lens_of, render
 from activeslam_gym.vision.room.scene import ORIGIN, SHEET_SIZE, TARGET_SIZE, draw_scene
+from activeslam_gym.vision.search import Photograph
 from activeslam_gym.vision.target import FACING, Rectangle, printed_rectangle
 from activeslam_gym.vision.views import pixels_of
 
@@ -42,10 +43,13 @@ class RoomCamera:
         self.fiducials = self.scene.target
         self._sensor, self.lens = Sensor(), lens_of(lens, rays)
         self._key = noise.generate_state(1, np.uint64)
+        self._whole = np.array([[0, lens.width, 0, lens.height]], np.int64)
 
-    def photograph(self, state: np.ndarray, frame: int) -> np.ndarray:
-        """The image (H, W) uint8 of ``frame`` from ``state`` (13,): position, quaternion, and their velocities."""
-        return render(self.scene, self.lens, self._sensor, state, frame, self._key)
+    def photograph(self, state: np.ndarray, frame: int, windows: np.ndarray | None = None) -> np.ndarray:
+        """The image (H, W) uint8 of ``frame`` from ``state`` (13,): position, quaternion, and their velocities; or its
+        ``windows`` (n, 4), see `Photograph`."""
+        shown = self._whole if windows is None else windows
+        return render(self.scene, self.lens, self._sensor, state, frame, self._key, shown)
 
     def points(self, state: np.ndarray, pixel: np.ndarray, image: np.ndarray) -> np.ndarray:
         """(m, 3) [m] what a feature at ``pixel`` (2,) of the ``image`` from ``state`` may follow, likeliest first."""
@@ -89,12 +93,13 @@ class FollowedPoints:
         self._points: dict[int, np.ndarray] = {}  # by id, (m, 3), the likeliest first
         self._gains: dict[int, np.ndarray] = {}  # by id, (m,): by so much each agrees better than the first [px^2]
 
-    def look(self, state: np.ndarray, image: np.ndarray, found: np.ndarray) -> None:
+    def look(self, state: np.ndarray, image: np.ndarray | Photograph, found: np.ndarray) -> None:
         """Take what was ``found`` (M,) DETECTION in the ``image`` from the true ``state``: matches, and features that
         were initialised, which have no ``id``."""
         for id, match, pixel in zip(found["id"].tolist(), found["match"].tolist(), found["pixel"]):
             if match > 0 and id != match:
-                self._points[match] = points = self._camera.points(state, pixel, image)
+                whole = image.whole if isinstance(image, Photograph) else image
+                self._points[match] = points = self._camera.points(state, pixel, whole)
                 self._gains[match] = np.zeros(len(points))
             elif match > 0 and len(self._points[match]) > 1:
                 seen = pixels_of(self._camera.lens.camera, state, self._points[match])

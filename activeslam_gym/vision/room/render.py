@@ -172,16 +172,23 @@ _STILL = 1.0  # where nothing flows farther than that during the exposure [px], 
 
 
 @compiled
-def render(scene: Scene, lens: Lens, sensor: Sensor, state: np.ndarray, frame: int, key: np.ndarray) -> np.ndarray:
-    """A photograph of the scene (H, W) uint8.
+def render(
+    scene: Scene, lens: Lens, sensor: Sensor, state: np.ndarray, frame: int, key: np.ndarray, windows: np.ndarray
+) -> np.ndarray:
+    """A photograph of the scene (H, W) uint8; only its ``windows`` (n, 4) are sure to be worked out, see `Photograph`.
 
     ``state`` (13,) is the camera's in the middle of the exposure: position, quaternion, velocity, angular velocity
     (world frame). ``key`` (1,) uint64 is the stream of the noise, of which frame k uses its own part.
     """
-    picture, inverse_depths = _exposed(scene, lens, state)
+    sights = np.zeros(scene.surfaces.shape[0], SIGHT)
+    sights = sights[: look(scene, state, lens.image_bounds, sights)]
+    flows = _flows_of(lens, sensor.exposure, state, sights)
+    longest = np.abs(flows).max()
+    reach = 1 + (int(0.5 * min(longest, _LONGEST)) + 2 if longest > _STILL else 0)  # of the lens's blur and of motion's
+    picture = _exposed(scene, lens, sights, _tiles_of(lens, windows, reach))
     extend(picture)
-    soft, flows = softened(picture, sensor.side), _flows_of(lens, sensor.exposure, state, inverse_depths)
-    if np.abs(flows).max() > _STILL:
+    soft = softened(picture, sensor.side)
+    if longest > _STILL:
         smear(soft, flows, lens.columns, picture)
     else:
         picture = soft
@@ -189,46 +196,61 @@ def render(scene: Scene, lens: Lens, sensor: Sensor, state: np.ndarray, frame: i
 
 
 @compiled
-def _exposed(scene: Scene, lens: Lens, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The light in each pixel of whole tiles and PAD around, float32 [grey levels]; inverse depths (tiles,) [1/m]."""
-    tiles, surfaces = lens.rays.shape[0], scene.surfaces.shape[0]
+def _tiles_of(lens: Lens, windows: np.ndarray, reach: int) -> np.ndarray:
+    """(tiles,) those that meet one of the ``windows`` (n, 4), or are nearer to it than ``reach`` [px]."""
+    rows = lens.rays.shape[0] // lens.columns
+    out = np.zeros((rows, lens.columns), np.bool_)
+    for k in range(windows.shape[0]):
+        left, right = max(windows[k, 0] - reach, 0) // TILE_WIDTH, (windows[k, 1] + reach) // TILE_WIDTH
+        top, bottom = max(windows[k, 2] - reach, 0) // TILE_HEIGHT, (windows[k, 3] + reach) // TILE_HEIGHT
+        for i in range(top, min(bottom + 1, rows)):
+            for j in range(left, min(right + 1, lens.columns)):
+                out[i, j] = True
+    return out.reshape(-1)
+
+
+@compiled
+def _exposed(scene: Scene, lens: Lens, sights: np.ndarray, shown: np.ndarray) -> np.ndarray:
+    """The light in each pixel of the tiles that are ``shown`` (tiles,), and PAD around, float32 [grey levels]."""
+    tiles, near = lens.rays.shape[0], np.zeros(sights.shape[0], np.int64)
     rows, columns = tiles // lens.columns * TILE_HEIGHT, lens.columns * TILE_WIDTH
-    picture, inverse_depths = np.empty((rows + 2 * PAD, columns + 2 * PAD), np.float32), np.zeros(tiles)
-    sights, near = np.zeros(surfaces, SIGHT), np.zeros(surfaces, np.int64)
+    picture = np.zeros((rows + 2 * PAD, columns + 2 * PAD), np.float32)
     floats, places = np.zeros(VECTORS * TILE, np.float32), np.zeros(TILE, np.uint32)
     one, tiny = np.float32(1.0), np.float32(1e-6)
-    count = look(scene, state, lens.image_bounds, sights)
     for tile in range(tiles):
-        bounds, rays = lens.bounds[tile], lens.rays[tile].reshape(-1)
-        found, covered = candidates(sights, count, bounds, near)
+        if not shown[tile]:
+            continue
+        rays = lens.rays[tile].reshape(-1)
+        found, covered = candidates(sights, sights.shape[0], lens.bounds[tile], near)
         floats[REST : REST + TILE], floats[COLOUR : COLOUR + TILE] = one, np.float32(0.0)
         for k in range(found):
             sight = sights[near[k]]
             texture = scene.textures[sight.texture].reshape(-1)
             add_rectangle(sight, covered and k == found - 1, rays, texture, floats, places)
-            if inverse_depths[tile] == 0.0:
-                x, y = 0.5 * (bounds[0] + bounds[1]), 0.5 * (bounds[2] + bounds[3])
-                inverse_depths[tile] = inverse_depth_at(sight, x, y)
         v, u = PAD + TILE_HEIGHT * (tile // lens.columns), PAD + TILE_WIDTH * (tile % lens.columns)
         for at in range(TILE):  # where shares do not add up to one quite, they are made to
             light = floats[COLOUR + at] / max(one - floats[REST + at], tiny)
             picture[v + at // TILE_WIDTH, u + at % TILE_WIDTH] = light
-    return picture, inverse_depths
+    return picture
 
 
 @compiled
-def _flows_of(lens: Lens, exposure: float, state: np.ndarray, inverse_depths: np.ndarray) -> np.ndarray:
-    """(tiles, 2) how far [px] the middle of each tile moves during the exposure, by its inverse depth [1/m].
+def _flows_of(lens: Lens, exposure: float, state: np.ndarray, sights: np.ndarray) -> np.ndarray:
+    """(tiles, 2) how far [px] the middle of each tile moves during the exposure, by its inverse depth.
 
     A point at p_C moves by dp_C/dt = -R^T (v + w x R p_C) in the camera.
     """
     R_WC = rotation_matrix(state[QUATERNION])
     v_C = camera_from_world(R_WC, (state[7], state[8], state[9]))
     w_C = camera_from_world(R_WC, (state[10], state[11], state[12]))
-    J, flows = np.zeros((2, 3)), np.empty((inverse_depths.shape[0], 2))
+    J, flows = np.zeros((2, 3)), np.empty((lens.rays.shape[0], 2))
     for tile in range(flows.shape[0]):
-        bounds, inverse_depth = lens.bounds[tile], inverse_depths[tile]
+        bounds, inverse_depth = lens.bounds[tile], 0.0
         x, y = 0.5 * (bounds[0] + bounds[1]), 0.5 * (bounds[2] + bounds[3])
+        for k in range(sights.shape[0]):
+            inverse_depth = inverse_depth_at(sights[k], x, y)
+            if inverse_depth != 0.0:
+                break
         pixel_jacobian(lens.camera, (x, y, 1.0), J)  # at depth one, where the velocity is divided by the depth
         moved = (
             -inverse_depth * v_C[0] - (w_C[1] - w_C[2] * y),

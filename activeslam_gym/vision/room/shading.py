@@ -44,6 +44,8 @@ def add_rectangle(
         floats[_WEIGHT : _WEIGHT + TILE] = floats[REST : REST + TILE]
     else:
         _cover(rows, limits, rays, floats)
+        if floats[_WEIGHT : _WEIGHT + TILE].max() <= _ZERO:
+            return
     _footprints(rows, limits, rays, floats)
     floats[_GREY : _GREY + TILE] = _ZERO
     for side in (-_ONE, _ONE):

@@ -24,6 +24,7 @@ from activeslam_gym.vision.bundle import UNIT, Bundle, Geometry, inverse_depths,
 from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.frontend import FrameLog, FrontEnd
 from activeslam_gym.vision.opencv import opencv
+from activeslam_gym.vision.report import Agreement
 from activeslam_gym.vision.sources import Frame
 from activeslam_gym.vision.tracked import FEWEST, MOST_TURNED, SHARED, VELOCITY_IMAGES, Corners
 
@@ -44,8 +45,7 @@ _SHARP = 0.15, 0.25  # deviation of the way, and of the median inverse depth, as
 _ASTRAY = 3.0  # deviations of its mean residual, from which a corner is left out
 _CORRELATED = 9.0  # growth of the covariance: residuals of a corner are alike in neighbouring images
 _PACE = 3.0  # acceleration's deviation over the speed [1/s]
-_SHARE = 1.0 / 30.0  # of an image in the running means
-_MOST_DELETED = 0.9  # features deleted in an image, as a mean, from which the map is wrong
+_SHARE = 1.0 / 30.0  # of an image in the running mean
 _ACCELERATIONS = 0.3, 2.0  # the least and the greatest, in the free unit
 KNOWN = np.radians(1.5)  # deviation of the turn since the start, from which the track is uncertain
 _NARROW = np.radians(50.0)
@@ -100,14 +100,12 @@ def steps_from_anywhere(
             filter.restore(belief)
             held = []
     if ending is None:
-        square, deleted, consistent = np.sum(filter.mean[VELOCITY] ** 2), 0.0, True
+        square, agreement = np.sum(filter.mean[VELOCITY] ** 2), Agreement(metric=False)
         for frame in source:
             motion.filter_acceleration_std = np.clip(_PACE * np.sqrt(square), *_ACCELERATIONS)
-            log = front_end.step(frame[1], frame[0])
+            log = agreement.judged(front_end.step(frame[1], frame[0]))
             square += _SHARE * (np.sum(filter.mean[VELOCITY] ** 2) - square)
-            deleted += _SHARE * (log.deletions - deleted)
-            consistent &= deleted < _MOST_DELETED
-            known = consistent and np.trace(filter.camera_covariance[3:6, 3:6]) < KNOWN**2
+            known = log.start_certain and np.trace(filter.camera_covariance[3:6, 3:6]) < KNOWN**2
             yield frame, log._replace(start_certain=bool(known and wide))
     elif not isinstance(ending, StopIteration):
         raise ending

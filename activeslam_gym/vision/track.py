@@ -58,13 +58,13 @@ AT_REST = "the camera was at rest or only turned, or something moved before it"
 SEVERAL = "several motions explain the images, or none: something moved before the camera, or it moved too little"
 NARROW = "several motions explain the images, as always with a lens of less than 50 degrees"
 DRIFTED = (
-    "the turn since the start is not known to 1.5 degrees, or the map contradicts the images: "
-    "a narrow lens, a quick motion, or a map that was lost"
+    "the turn since the start is not known to 1.5 degrees from {:.2f} s on, or the map contradicts the images: "
+    "a narrow lens, a quick motion, a cut, or a map that was lost"
 )
 CONTRADICTED = (
     "the map contradicts the images from {:.2f} s on, and poses may be wrong from some time before: something moved "
-    "before the camera, the picture was changed (zoom, interlacing, letters in it), the hand was too quick, or it was "
-    "too dark"
+    "before the camera, the picture was changed (a cut, zoom, interlacing, letters in it), the hand was too quick, or "
+    "it was too dark"
 )
 REPLACED = "the map was replaced {} times, where the target contradicted it: poses before may be wrong"
 """The words for a track whose motion the images do not tell, and for one that they contradict."""
@@ -99,11 +99,9 @@ class Track(NamedTuple):
             return REPLACED.format(restarts)
         if self.start_certain:
             return ""
-        if self.metric:
-            first = next(k for k, log in enumerate(self.logs) if not log.start_certain)
-            return CONTRADICTED.format(self.times[first + 1])
-        if any(log.start_certain for log in self.logs):
-            return DRIFTED
+        last = max((k for k, log in enumerate(self.logs) if log.start_certain), default=-1)
+        if self.metric or last >= 0:
+            return (CONTRADICTED if self.metric else DRIFTED).format(self.times[last + 2])
         moved = NARROW if is_narrow(self.filter.camera) else SEVERAL
         return f"{UNCERTAIN}: {AT_REST if self.at_rest else moved}"
 

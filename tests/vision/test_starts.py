@@ -282,6 +282,17 @@ def test_the_start_bridges_neither_a_cut_nor_a_gap_in_time(pause: bool) -> None:
     assert turn_errors(done._replace(cameras=done.cameras[13:]), cameras[13:]).max() < np.radians(0.5)
 
 
+def test_from_a_cut_on_no_pose_is_certain() -> None:
+    """The target of both rooms looks the same, so the map of one is found again in the other."""
+    cameras, lens = at_rest(45), lens_of(400.0)
+    cameras[:, 0] = 0.25 * np.arange(45) / 30.0
+    rooms = [RoomCamera(EXCERPTS, lens.camera, np.random.SeedSequence(seed)) for seed in (6, 8)]
+    images = [(k / 30.0, rooms[k >= 30].photograph(camera, k)) for k, camera in enumerate(cameras)]
+    done = follow(images, lens, None, 30.0)
+    assert [log.start_certain for log in done.logs] == [True] * 29 + [False] * 15
+    assert "from 1.00 s on" in done.doubt and not done.lost[40:].any()
+
+
 def test_without_a_target_blur_makes_features_uncertain_along_their_way() -> None:
     time, ratios = np.arange(70) / 30.0, list[float]()
     cameras = at_rest(70)

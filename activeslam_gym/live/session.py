@@ -21,9 +21,10 @@ from activeslam_gym.live.source import FOLLOW, GuidanceError, RecordedImages, Re
 from activeslam_gym.live.state import Standing, State, plain
 from activeslam_gym.motion import CAMERA_SIZE, MOTION_COUNT, Motion
 from activeslam_gym.vision.film import film_to, moment_of
-from activeslam_gym.vision.frontend import NOTHING, FrameLog, FrontEnd
+from activeslam_gym.vision.frontend import FrameLog, FrontEnd
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.report import Agreement, TrackFiles
+from activeslam_gym.vision.search import NOTHING
 
 Source = RenderedRoom | RecordedImages | Device
 _FEW = 4

@@ -8,7 +8,7 @@ import numpy as np
 
 from activeslam_gym.motion import Motion
 from activeslam_gym.vision.film import Moment
-from activeslam_gym.vision.frontend import Searched
+from activeslam_gym.vision.search import Searched
 
 
 class Standing(str, Enum):

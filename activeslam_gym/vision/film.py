@@ -12,8 +12,9 @@ from activeslam_gym.files import written_whole
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.estimate import taken_estimate
-from activeslam_gym.vision.frontend import DOUBTED, MATCHED, MISSED, FrontEnd, Searched
+from activeslam_gym.vision.frontend import FrontEnd
 from activeslam_gym.vision.opencv import opencv
+from activeslam_gym.vision.search import DOUBTED, MATCHED, MISSED, Searched
 
 # Okabe and Ito's colours, safe for colour-blind readers, as in `rendering.scene`.
 BLUE, SKY, ORANGE, VERMILLION, GREEN, GREY = "#0072B2", "#56B4E9", "#E69F00", "#D55E00", "#009E73", "#9AA0A6"

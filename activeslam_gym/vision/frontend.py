@@ -18,14 +18,22 @@ from activeslam_gym.slam.estimate import EstimateArrays, add_offsets
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.slam.sight import INSIDE
 from activeslam_gym.vision.corners import new_corners
-from activeslam_gym.vision.recovery import PRIOR, Restart, drawn_templates, likeliest_corners, locate
-from activeslam_gym.vision.search import SEARCH, Findings, Photograph, search, windows
+from activeslam_gym.vision.recovery import LEAST, PRIOR, Restart, drawn_templates, likeliest_corners, locate
+from activeslam_gym.vision.search import (
+    DOUBTED,
+    MATCHED,
+    MISSED,
+    NOTHING,
+    SEARCH,
+    Findings,
+    Photograph,
+    Searched,
+    search,
+    windows,
+)
 from activeslam_gym.vision.settings import FrontEndSettings
 from activeslam_gym.vision.templates import TEMPLATE_HALF, TEMPLATE_SIDE, TemplateMap, shows_template
 from activeslam_gym.vision.views import is_outdated, reduced, speeds, velocities, view_from
-
-MISSED, MATCHED, DOUBTED = 0, 1, 2
-"""Outcomes of a search: nothing similar was found; the filter believed the candidate; the filter did not."""
 
 
 class FrameLog(NamedTuple):
@@ -47,19 +55,6 @@ class FrameLog(NamedTuple):
     start_certain: bool = True  # the first motion is certain, as with a target, and the map agrees with the images
 
 
-class Searched(NamedTuple):
-    """Where m templates were searched in the last image, and with which outcome."""
-
-    id: np.ndarray  # (m,)
-    pixel: np.ndarray  # (m, 2) as predicted [px]
-    covariance: np.ndarray  # (m, 2, 2) of that [px^2]
-    outcome: np.ndarray  # (m,) MISSED, MATCHED or DOUBTED
-    inside: np.ndarray = np.zeros(0, bool)  # (m,) well inside the image, where a miss counts
-
-
-NOTHING = Searched(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0, np.int64))
-
-
 Drawn = Callable[[np.ndarray, int], tuple[np.ndarray, np.ndarray]]
 """From a camera's pose (7,) and the number of a fiducial, the picture (h, w) float32 of the target around it, NaN where
 it is unknown, and its pixel (2,); a ValueError: it is not before the camera, or too little is known of it."""
@@ -67,6 +62,7 @@ _UNKNOWN = np.zeros(3)  # normal of a plane that is not known
 _AROUND = 3.0  # around a corner in which a lost map is searched [px]
 _NEAR = 0.06  # share of the largest area that is searched where the map is lost: its views are sought anywhere
 _NEAREST = 3.0  # times the scenario's inverse depth: that of all that is nearer
+_OVERLOOKED = 0.5  # share of the target's corners that are missed, from which it is sought around them
 _GAP = 1.0 / 3.0, 2.5  # time [s] and frames between two images, from both of which on a hand may be anywhere
 
 
@@ -94,6 +90,7 @@ class FrontEnd:
         self._grey = self._image.astype(np.float32)
         self._last_view: np.ndarray | None = None  # pose (7,) from which the map was seen last
         self._photograph: Photograph | None = None  # of which that is a part
+        self._overlooked = 0.0  # running share of the target's corners well in view that are not matched
         self._blind = 0  # images in a row without the map
         self._after_gap = False  # the map was not seen since a gap in time
         self._scale = 1.0  # pixels of an image, along a side, to one of the filter's
@@ -206,7 +203,8 @@ class FrontEnd:
         again, metric = before is not None and seen, len(self.filter.fiducials) > 0
         features, deletions = self._template_map.features, deletions + dropped
         counts = features, searched, found, matched, found - matched, initialised, deletions
-        return FrameLog(time_s, *counts, clear, not seen, again, metric, 1e3 * (time.thread_time() - began))
+        agrees, seconds = not self._restart.is_contradicted, time.thread_time() - began
+        return FrameLog(time_s, *counts, clear, not seen, again, metric, 1e3 * seconds, agrees)
 
     def _take(self, image: np.ndarray) -> None:
         """Go on to the level of the ``image``'s pyramid that has the size of the filter's camera."""
@@ -323,6 +321,7 @@ class FrontEnd:
 
     def _heed_target(self) -> int:
         """Restart at the pose that the target shows, where it contradicts the belief: how many features are deleted."""
+        self._seek_target()
         instead = self._restart.camera_instead(self.candidates, self.filter.mean, self.filter.camera_covariance)
         if instead is None:
             return 0
@@ -332,6 +331,26 @@ class FrontEnd:
         self.filter.counts["restarts"] += 1
         self._last_view, self._after_gap = None, False
         return len(ids)
+
+    def _seek_target(self) -> None:
+        """Seek a target that is missed where it should be well in view, outside the gates of its corners: the greater a
+        contradiction, the fewer of them are matched."""
+        s, searched = self.settings, self.searched
+        corners = (searched.id < 0) & searched.inside
+        if s.target_reach == 0.0 or corners.sum() < LEAST:
+            return
+        self._overlooked += (float(np.mean(searched.outcome[corners] != MATCHED)) - self._overlooked) / s.trials
+        if self._overlooked < _OVERLOOKED:
+            return
+        point = self.filter.sight().point
+        point = point[(point["id"] < 0) & (point["visibility"] == INSIDE)]
+        ids, points, places = point["id"], self._points(point["row"]), self._template_map.places(point["id"])
+        z_hat = np.ascontiguousarray(point["z_hat"])
+        S = np.tile(s.target_reach**2 / self._gate * np.eye(2), (len(ids), 1, 1))
+        view, templates = view_from(self.camera, self.filter.mean), self._template_map.templates
+        findings = search(view, self._model, templates, self._grey, places, points, z_hat, S)
+        found = self._candidates(ids, places, findings)[findings.candidates[1] == 0]
+        self._restart.look_elsewhere(found, self.filter.mean, 1.0 / s.trials)
 
     def _forget(self, id: int) -> None:
         self._template_map.remove(id)

@@ -10,6 +10,8 @@ one, and new features, whose depths are unknown, confirm it. The target's corner
 belief expects them, image after image, and one pose explains them all (`slam.restart` is the same for points).
 """
 
+from contextlib import suppress
+
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.spatial.transform import Rotation
@@ -86,22 +88,41 @@ def locate(camera: Record, ids: np.ndarray, points: np.ndarray, pixels: np.ndarr
     return pose_of(turn, shift) if (depths > 0.0).all() else None
 
 
-_LEAST = 4  # fiducials that tell of a pose
+LEAST = 4  # fiducials that tell of a pose
 _KEPT = 0.9  # of the running mean, by an image
 _CONTRADICTED = 0.5
 """Running mean of the NIS of matched corners, per degree of freedom, over which they contradict the belief. R is wide
 enough for a lens that is known badly: while the belief is right, 0.05 to 0.2."""
 _MOST = 2.0  # that one image counts in it: one alone contradicts nothing
 _EXPLAINED = 0.2  # share of this image's that the corners' own pose leaves
+_LEFT = 0.2  # NIS that this pose leaves of corners that were sought outside their gates: as while the belief is right
 _DISTINCT = 22.5  # squared Mahalanobis distance of that pose from the belief's: 99.9 % of chi-square with 6 dof
 
 
 class Restart:
-    """Watches the ``fiducials`` (K, 3) of a target in a ``camera``; ``corner_std``: of their pixels [px]."""
+    """Watches the ``fiducials`` (K, 3) of a target in a ``camera``; ``corner_std``: of their pixels [px].
+
+    `is_contradicted`: they contradicted the belief once, be it that it was replaced or not.
+    """
 
     def __init__(self, camera: Record, fiducials: np.ndarray, corner_std: float) -> None:
         self._camera, self._fiducials, self._std = camera, fiducials, corner_std
-        self._nis = 0.0
+        self._nis, self._elsewhere, self.is_contradicted = 0.0, 0.0, False
+
+    def look_elsewhere(self, found: np.ndarray, mean: np.ndarray, weight: float) -> None:
+        """Take the corners ``found`` outside their gates, of a target that is missed where the ``mean`` (13,) has it.
+
+        It is contradicted, if one pose explains them in most of the last images, each of which has this ``weight``.
+        """
+        points, pixels, R = self._fiducials[-1 - found["id"]], found["pixel"], found["R"]
+        is_elsewhere = False
+        if len(found) >= LEAST and (nis := _mean_nis(self._camera, mean, points, pixels, R)) > _CONTRADICTED:
+            with suppress(ValueError):
+                pose, _ = start_pose(self._camera, points, pixels, self._std)
+                left = _mean_nis(self._camera, pose, points, pixels, R)
+                is_elsewhere = left < min(_LEFT, _EXPLAINED * nis)
+        self._elsewhere += weight * (is_elsewhere - self._elsewhere)
+        self.is_contradicted |= self._elsewhere > 0.5
 
     def camera_instead(
         self, found: np.ndarray, mean: np.ndarray, covariance: np.ndarray
@@ -113,7 +134,7 @@ class Restart:
         """
         own = found[(found["match"] < 0) & (found["match"] >= -len(self._fiducials))]
         points, pixels, R = self._fiducials[-1 - own["match"]], own["pixel"], own["R"]
-        if len(own) < _LEAST:
+        if len(own) < LEAST:
             return None
         nis = _mean_nis(self._camera, mean, points, pixels, R)
         self._nis = _KEPT * self._nis + (1.0 - _KEPT) * min(nis, _MOST)
@@ -128,7 +149,10 @@ class Restart:
         left = _mean_nis(self._camera, pose, points, pixels, R)
         apart = np.concatenate((pose[:3] - mean[:3], rotation_error(pose[3:], mean[QUATERNION])))
         distance = apart @ np.linalg.solve(spread + covariance[:POSE_DIM, :POSE_DIM], apart)
-        if left > _EXPLAINED * nis or distance < _DISTINCT:
+        if left > _EXPLAINED * nis:
+            return None
+        self.is_contradicted = True
+        if distance < _DISTINCT:
             return None
         self._nis = 0.0
         return camera, around

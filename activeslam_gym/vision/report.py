@@ -139,7 +139,8 @@ class Agreement:
         self._share, self._seen = 0.0, True  # that was matched; whether the map is in view
 
     def judged(self, log: FrameLog) -> FrameLog:
-        """The next ``log``, certain if the map still agrees with the images."""
+        """The next ``log``, certain if the map still agrees with the images, and never contradicted the target."""
+        self.holds &= log.start_certain
         if log.searched:
             self._matched += _SHARE * (log.matched - self._matched) if self._matched else log.matched
             self._deleted += _SHARE * (log.deletions - self._deleted)

@@ -30,6 +30,23 @@ SEARCH = record(
 """Constants of the search."""
 
 
+MISSED, MATCHED, DOUBTED = 0, 1, 2
+"""Outcomes of a search: nothing similar was found; the filter believed the candidate; the filter did not."""
+
+
+class Searched(NamedTuple):
+    """Where m templates were searched in the last image, and with which outcome."""
+
+    id: np.ndarray  # (m,)
+    pixel: np.ndarray  # (m, 2) as predicted [px]
+    covariance: np.ndarray  # (m, 2, 2) of that [px^2]
+    outcome: np.ndarray  # (m,) MISSED, MATCHED or DOUBTED
+    inside: np.ndarray = np.zeros(0, bool)  # (m,) well inside the image, where a miss counts
+
+
+NOTHING = Searched(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0, np.int64))
+
+
 class Findings(NamedTuple):
     """The result of a search: v rows, up to 3 candidates each, the best first."""
 

@@ -34,6 +34,7 @@ class FrontEndSettings:
     )
     fiducial_bias_std: float = 0.0  # error of a fiducial's pixel that stays until its template is drawn again [px]
     fitted_every: float = math.inf  # change of view after which the plane of a feature is fitted again [rad]
+    target_reach: float = 60.0  # so far around its corners a target is sought that is missed where it is in view [px]
     redrawn: float = 0.4  # change of view, or turn, after which the target is drawn again [rad]
     feature_bias_std: float = 0.0  # its point may be so far from the one that its template follows, see `FrontEnd` [px]
     probation: float = 5.0  # of a feature that is not yet judged the deviation is so many times larger; with a target
@@ -70,6 +71,6 @@ class FrontEndSettings:
 SIGHTED = FrontEndSettings(
     depth_prior=math.inf, visible=24, least_visible=8, lens_std=0.0, floor_std=0.015, lasting_std=0.02, grain=1.5,
     fiducial_std=0.025, drift=0.6, blur=0.001, fiducial_bias_std=0.025, redrawn=0.1, feature_bias_std=0.2,
-    residual_weight=12.0, most_change=0.7, least_score=0.87, most_residual=0.12, fitted_every=0.05,
+    target_reach=0.0, residual_weight=12.0, most_change=0.7, least_score=0.87, most_residual=0.12, fitted_every=0.05,
 )  # fmt: skip
 """The front end of a camera whose lens is known, in a room whose map should hold all of it."""

@@ -21,7 +21,7 @@ viser = pytest.importorskip("viser", reason="the extra `live` is not installed")
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: see make client-live")
 
-from activeslam_gym.vision.frontend import MATCHED
+from activeslam_gym.vision.search import MATCHED
 from activeslam_gym.vision.target import target_from
 from tests.support import until
 from tests.vision_scene import CHARUCO, LENS, board_on_the_plane, path

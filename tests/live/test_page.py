@@ -37,7 +37,7 @@ from activeslam_gym.live.source import ROOM, GuidanceError
 from activeslam_gym.live.state import Standing, State
 from activeslam_gym.motion import Motion
 from activeslam_gym.vision.board import BOARD
-from activeslam_gym.vision.frontend import Searched
+from activeslam_gym.vision.search import Searched
 from activeslam_gym.vision.target import printed
 from tests.support import until
 from tests.vision_scene import LENS

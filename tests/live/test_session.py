@@ -31,8 +31,8 @@ from activeslam_gym.live.source import (
 )
 from activeslam_gym.live.state import Standing, State
 from activeslam_gym.motion import Motion, goal_of, motion_of
-from activeslam_gym.vision.frontend import MATCHED
 from activeslam_gym.vision.other_lenses import lens_from
+from activeslam_gym.vision.search import MATCHED
 from activeslam_gym.vision.sources import Frame, images_of
 from activeslam_gym.vision.target import read_target
 from activeslam_gym.vision.views import projected

@@ -26,7 +26,20 @@ from activeslam_gym.vision.sources import images_of
 from activeslam_gym.vision.target import read_target
 from activeslam_gym.vision.track import follow, summary, track
 from activeslam_gym.vision.views import projected, reduced
-from tests.vision_scene import CAMERA, LENS, TARGET, covered, enlarged, image_from, path, pose_at, target_fields
+from tests.vision_scene import (
+    CAMERA,
+    LENS,
+    TARGET,
+    covered,
+    enlarged,
+    image_from,
+    path,
+    photographed,
+    pose_at,
+    target_fields,
+    texture,
+    with_target,
+)  # fmt: skip
 
 
 def corners_from(pose: np.ndarray) -> np.ndarray:
@@ -243,3 +256,15 @@ def test_images_that_repeat_the_one_before_have_its_pose_and_tell_of_no_rest() -
     assert (done.cameras[20:35] == done.cameras[20]).all() and len(done.times) == 40
     shown = np.array([*poses[:20], *[poses[20]] * 15, *poses[35:]])
     assert not done.lost.any() and np.linalg.norm(done.cameras[:, :3] - shown[:, :3], axis=1).max() < 0.03
+
+
+def test_a_target_that_is_moved_contradicts_the_map_though_no_corner_is_matched() -> None:
+    def plane(X: np.ndarray, moved: float) -> np.ndarray:
+        return np.where(np.abs(X[..., 0]) < 0.24, with_target(X - (moved, 0.0)), texture(X))
+
+    poses = path(38)
+    images = [photographed(pose, lambda X, k=k: plane(X, 0.06 * (k >= 12)), 1) for k, pose in enumerate(poses)]
+    target = TARGET._replace(corners_px=corners_from(poses[0]))
+    done = follow([(k / 30.0, image) for k, image in enumerate(images)], LENS, target, 30.0)
+    assert not done.start_certain and "the map contradicts the images from 0." in done.doubt
+    assert np.linalg.norm(done.cameras[-1, :3] - poses[-1][:3]) < 0.03, "the map is right"

@@ -9,7 +9,8 @@ set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 python3 -m venv "$folder/venv"
-"$folder/venv/bin/pip" --quiet --disable-pip-version-check install 'navigation-mdp==1.2' 'numpy==2.4.6' 'matplotlib==3.11.2'
+pip=("$folder/venv/bin/pip" --quiet --disable-pip-version-check install)
+"${pip[@]}" 'navigation-mdp==1.2' 'numpy==2.4.6' 'matplotlib==3.11.2'
 cd "$folder"
 MPLCONFIGDIR="$folder" "$folder/venv/bin/python" - <<'PY'
 import sys

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.sparse import block_diag, hstack
+from scipy.sparse import block_diag, coo_array, hstack
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
@@ -221,8 +221,8 @@ def _equation_1(views: Sequence[View], first: Calibration, poses: np.ndarray) ->
             out.append(x[0] * ray / root + x[1:3] - pixels)
         return np.concatenate(out).ravel()
 
-    blocks = block_diag([np.ones((2 * len(points), 6)) for points, _ in views])
-    pattern = hstack((np.ones((blocks.shape[0], 4)), blocks))
+    blocks = block_diag([coo_array(np.ones((2 * len(points), 6))) for points, _ in views])
+    pattern = hstack((coo_array(np.ones((blocks.shape[0], 4))), blocks))
     start = np.concatenate(((f, *first[3:5], first.distortion * f**2), poses.ravel()))
     fit = least_squares(residuals, start, jac_sparsity=pattern, x_scale="jac", loss="soft_l1", f_scale=_BOUND)
     ends = np.cumsum([2 * len(points) for points, _ in views])[:-1]

@@ -65,13 +65,13 @@ class BestWeights(BaseCallback):
             self.best = self.best if best is None else float(best)
 
     def close(self) -> None:
-        """End the bar, write the checkpoint, and the present weights where none were chosen."""
+        """End the bar, write the present weights where none were chosen, and the checkpoint."""
         if self.bar is not None:
             self.bar.close()
         self.learner.num_timesteps = self.learned  # from an interrupted rollout nothing was learned
-        self._save()
         if not self.weights.exists():
             self.keep(math.nan)
+        self._save()
 
     def seconds(self) -> float:
         """Wall-clock of training, earlier calls included [s]."""
@@ -84,11 +84,8 @@ class BestWeights(BaseCallback):
         save(self.weights, weights_of(self.learner), card | {"held_out_return": held_out_return})
 
     def complete_card(self) -> None:
-        """Add to the card the training's length and time, and results in held-out episodes, if any; print those."""
+        """Add to the card the results in held-out episodes, if any, and print them."""
         card, scenarios = read_card(self.weights), self.args.scenarios
-        if card.get("steps_trained") != self.learner.num_timesteps:
-            card |= {"steps_trained": self.learner.num_timesteps, "seconds_trained": round(self.seconds(), 1)}
-            write_json(self.weights.with_suffix(".json"), card)
         if not self.args.test_episodes:
             return
         references = REFERENCES if len(scenarios) == 1 else ()
@@ -124,9 +121,12 @@ class BestWeights(BaseCallback):
         return True
 
     def _save(self) -> None:
-        """Write the checkpoint, with the time of training."""
+        """Write the checkpoint, and the training's length and time to it and to the card of the kept weights."""
         self.learner.seconds = self.seconds()
         save_learner(self.learner, self.args.out / CHECKPOINT)
+        if self.weights.exists():
+            trained = {"steps_trained": self.learner.num_timesteps, "seconds_trained": round(self.learner.seconds, 1)}
+            write_json(self.weights.with_suffix(".json"), read_card(self.weights) | trained)
 
     def _on_training_end(self) -> None:
         self.learned = self.num_timesteps

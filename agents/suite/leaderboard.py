@@ -251,10 +251,10 @@ def _training(entry: Entry, of: Suite) -> str:
     count, few = len(entry.policies), " (few)" if len(entry.policies) < of.training_seeds else ""
     if not entry.training:
         return "not stated" if any(":" in one or one.endswith(".zip") for one in entry.policies) else "none"
-    seconds = [float(one.get("seconds_trained", np.nan)) for one in entry.training]
-    decisions = max(int(one.get("total_steps", 0)) for one in entry.training)
-    budget = f", {decisions:,} decisions" if decisions else ""
-    time = "" if np.isnan(seconds).any() else f", {np.mean(seconds) / 60.0:.0f} min each"
+    budgets = [[float(one.get(f"{key}_trained", np.nan)) for one in entry.training] for key in ("steps", "seconds")]
+    decisions, seconds = np.max(budgets[0]), np.mean(budgets[1])
+    budget = "" if np.isnan(decisions) else f", {decisions:,.0f} decisions"
+    time = "" if np.isnan(seconds) else f", {seconds / 60.0:.0f} min each"
     return f"{count} seeds{few}{budget}{time}"
 
 

@@ -226,6 +226,15 @@ def test_the_board_of_made_up_scores(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert (tmp_path / "board.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_the_stated_budget_is_that_of_the_training_and_not_of_a_command() -> None:
+    """`total_steps` of the command that wrote the best weights stood there, after a longer or an interrupted one."""
+    cards = [{"total_steps": 400, "steps_trained": 800}, {"total_steps": 900, "steps_trained": 40}]
+    learned = of_scores("mine", [[1.0], [2.0]], training=tuple(cards))
+    assert leaderboard._training(learned, suite("development")) == "2 seeds (few), 800 decisions"
+    killed = replace(learned, training=({"total_steps": 400}, cards[1]))
+    assert leaderboard._training(killed, suite("development")) == "2 seeds (few)"
+
+
 def test_entries_that_cannot_be_compared_are_refused() -> None:
     loop = of_scores("stay", [[50.0, 60.0]])
     for others, message in (

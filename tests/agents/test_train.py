@@ -145,7 +145,8 @@ def test_an_interrupted_rollout_is_not_counted(tmp_path: Path, monkeypatch: pyte
         assert not train(args)
     learner = PPO.load(tmp_path / CHECKPOINT)
     assert (learner.num_timesteps, learner._n_updates) == (40, 8)
-    assert read_card(tmp_path / "policy.npz")["steps"] == 40
+    card = read_card(tmp_path / "policy.npz")
+    assert card["steps"] == card["steps_trained"] == 40 and card["seconds_trained"] >= card["seconds"]
     assert train(args)
     learner = PPO.load(tmp_path / CHECKPOINT)
     assert (learner.num_timesteps, learner._n_updates) == (80, 16)

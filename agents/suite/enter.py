@@ -6,7 +6,7 @@ folder of its name with ``entry.json`` and, for learned policies, their weights.
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from inspect import formatannotation
 from pathlib import Path
@@ -85,7 +85,8 @@ class Args(Workers):
     note: str = ""
     """A sentence on the leaderboard about what the policy is and how it was trained."""
     out: Path = Path("results/entries")
-    """Folder in which NAME/entry.json is written and finished episodes are kept for the next time."""
+    """Folder in which NAME/entry.json is written and finished episodes are kept. An entry in it is played again for
+    another BEHAVIOUR, suite, name or weights alone: delete it after a change of code or of a baseline's table."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -107,7 +108,8 @@ def main(args: Args) -> int:
         path = folder / FILE
         if kept := finished(path, args.name, names, of, count):
             write_json(path, asdict(replace(kept, note=args.note)))
-            print(f"{path} is of this BEHAVIOUR and these policies already. To play it again, delete it.")
+            print(f"{path} is of this BEHAVIOUR and these policies already, by their names and weights.")
+            print("A change of code is not seen. To play it again, delete it.")
             return 0
         wanted = list(tasks(names, of, count))
         check(wanted)
@@ -193,9 +195,8 @@ def finished(path: Path, name: str, names: Sequence[str], suite: Suite, episodes
         kept = read(path)
     except ValueError:
         return None
-    is_same = kept.episodes == episodes and not any(map(policies.holds_code, names))
-    is_same = is_same and decisive(name, names, suite).items() <= vars(kept).items()
-    return kept if is_same else None
+    is_same = kept.episodes == episodes and decisive(name, names, suite).items() <= vars(kept).items()
+    return kept if is_same and not any(map(policies.holds_code, names)) else None
 
 
 def decisive(name: str, names: Sequence[str], suite: Suite) -> dict[str, Any]:
@@ -212,10 +213,8 @@ def decisive(name: str, names: Sequence[str], suite: Suite) -> dict[str, Any]:
 
 
 def cost_of(policy: str) -> dict[str, Any]:
-    """What the card of learned weights says of their training."""
-    path = path_of(policy)
-    assert path is not None
-    card: Mapping[str, Any] = read_card(path)
+    """What the card of weights in a file says of their training."""
+    card = read_card(Path(policy))
     return {name: card[name] for name in COST if name in card}
 
 

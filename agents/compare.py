@@ -130,6 +130,8 @@ def _written(episodes: list[Episode], args: Args) -> Summary:
     publish(args.report, "compare", markdown(summary), command_line("agents compare", args))
     for page in args.report:
         put_section(page, "headline", headline(summary))
+    for name in FIGURES:
+        (args.out / name).unlink(missing_ok=True)  # those of an earlier comparison
     if args.draws:
         draw_all(episodes, args.out)
     return summary

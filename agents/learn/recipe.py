@@ -91,6 +91,8 @@ class Recipe:
         within(self, gamma=(LEAST, 1.0), learning_rate=(LEAST, 1.0), entropy_bonus=(0.0, 1e3), seed=(0, 2**31 - 1))
         within(self, warm_start=(0.0, 0.99), total_steps=(1, 2**40), epochs=(1, 1000))
         within(self, num_envs=(1, 2**16), width=(1, 2**13), period=(1, 2**40), validation_episodes=(1, 2**16))
+        if len(set(self.scenarios)) < len(self.scenarios):
+            raise ValueError(f"scenario: {self.scenario!r}; allowed: each scenario once")
         for scenario in map(scenario_of, self.scenarios):
             whole_multiple("decision_period", self.decision_period, "the frame", scenario.frame_time)
             whole_multiple("duration", self.duration or scenario.duration, "decision_period", self.decision_period)

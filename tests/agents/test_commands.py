@@ -57,6 +57,7 @@ TABLE: tuple[tuple[str, str, str, str], ...] = (
     ("compare watch", "--gaze-period", "0.07", "must be a whole multiple of the frame (0.05 s)"),
     ("compare watch", "--scenario", "nowhere [1]", "scenario must be one of paper, paper-literal"),
     ("compare", "--scenario", "{ {pixel_std:1}", "is no JSON object"),
+    ("train", "--scenario", "office+office sprint+office+sprint", "allowed: each scenario once"),
     ("compare train watch export", "--nonsense", "", "Unrecognized options: --nonsense"),
 )
 """(commands, options, values, what is said): each command with each option and each value is a mistake."""

@@ -15,7 +15,8 @@ from activeslam_gym import BEHAVIOUR
 from activeslam_gym.config import positive_number
 from activeslam_gym.evaluation.code import machine, package_versions
 from activeslam_gym.files import written_whole
-from agents.learn.recipe import ALGORITHMS
+from agents.learn.recipe import ALGORITHMS, Recipe
+from agents.tools.arguments import command_line
 from agents.tools.files import json_text, reading, write_json
 
 SHIPPED = Path(__file__).parents[1] / "pretrained"
@@ -77,11 +78,10 @@ def require_finite(weights: Mapping[str, np.ndarray]) -> None:
 
 def card_of(recipe: dict[str, Any], steps: int, seconds: float, chosen: bool) -> dict[str, Any]:
     """The card of weights after `steps` decisions and `seconds` of training: `chosen` ones, or the last."""
-    given = [f"--{name.replace('_', '-')} {value}" for name, value in recipe.items() if value != ""]
     best = f"best mean score of the deterministic policy in {recipe['validation_episodes']} validation episodes: its "
     best += f"return, at least {FLOOR:g} bits, plus {recipe['lost_penalty_weight'] - 1.0:g} times its failure penalty"
     return {
-        "command": " ".join(["python -m agents train", *given]),
+        "command": command_line("agents train", Recipe(**recipe)),
         **recipe,
         "behaviour": BEHAVIOUR,
         "steps": steps,

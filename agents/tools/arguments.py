@@ -76,7 +76,7 @@ def command_line(module: str, args: Any) -> str:
         of_episodes = one.name in ("episodes", "seed") and value is not None
         if of_episodes or (one.name not in NO_NUMBER and value != one.default):
             several = value if isinstance(value, tuple) else (value,)
-            texts = [f"{part:g}" if isinstance(part, float) else shlex.quote(str(part)) for part in several]
+            texts = [f"{part:.15g}" if isinstance(part, float) else shlex.quote(str(part)) for part in several]
             given.append(f"--{one.name.replace('_', '-')} {' '.join(texts)}")
     return " ".join([f"python -m {module}", *given])
 

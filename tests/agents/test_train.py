@@ -5,8 +5,9 @@ import csv
 import io
 import json
 import pickle
+import shlex
 import shutil
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -33,7 +34,7 @@ from agents.learn import best_weights
 from agents.learn.best_weights import BestWeights
 from agents.learn.learner import save_learner, weights_of
 from agents.learn.recipe import CURVE, Recipe
-from agents.learn.weights import SHIPPED, read, read_card, save, shipped
+from agents.learn.weights import SHIPPED, card_of, read, read_card, save, shipped
 from agents.train import CHECKPOINT, Args, _require_same, train
 from examples.extend_range_sensor import RangeSensor
 
@@ -104,6 +105,9 @@ def test_the_command_on_a_card_has_all_that_determines_the_weights(trained: Path
     args = tyro.cli(Args, args=[*card["command"].split()[4:], "--out", str(trained)])
     assert args.arguments() == Args(**{**SMALL, "total_steps": args.total_steps}).arguments()
     assert Recipe.of(card) == Recipe(**args.arguments())
+    own = Recipe(scenario='{"pixel_std": 4.0}', initial="my weights/policy.npz", learning_rate=1.23456789e-4, seed=7)
+    command = card_of(asdict(own), 0, 0.0, True)["command"]  # it could not be pasted
+    assert Recipe(**tyro.cli(Args, args=shlex.split(command)[4:]).arguments()) == own
     written = trained / "arguments.json"
     older = {name: value for name, value in json.loads(written.read_text()).items() if name != "period"}
     written.write_text(json.dumps(older))

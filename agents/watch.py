@@ -80,7 +80,7 @@ def main(args: Args) -> int:
         end = "lost" if episode.lost else f"{row['bits']:.0f} bits of entropy reduction"
         print(
             f"{title}, episode {args.seed}: {end} (log score gain {row['log_score_gain']:.0f} bits), "
-            f"{row['distinct_landmarks']} landmarks mapped, camera {100 * row['position_error']:.1f} cm off"
+            f"{row['landmarks_mapped']} landmarks mapped, camera {100 * row['position_error']:.1f} cm off"
         )
         for path in episode.write_trajectories(args.tum, f"{title}-{args.seed}") if args.tum else ():
             print(f"Written to {path}")

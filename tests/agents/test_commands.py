@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from activeslam_gym import SCENARIOS
+from activeslam_gym.evaluation import row_of
 from agents import watch
 from agents.__main__ import COMMANDS, main
 from agents.task import make_environment
@@ -195,8 +196,11 @@ def test_an_animation_keeps_the_times_of_its_pictures(tmp_path: Path, step: floa
         assert abs(duration_of(animation) - max(1000 * 12 * step / 4, 12 * 20)) <= 5
 
 
-def test_two_policies_are_watched_side_by_side(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_policies_are_watched_side_by_side(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("matplotlib")
+    monkeypatch.setattr(watch, "row_of", lambda episode: row_of(episode) | {"distinct_landmarks": -1})
     from PIL import Image
 
     clip = tmp_path / "new" / "clip.gif"
@@ -214,6 +218,7 @@ def test_two_policies_are_watched_side_by_side(tmp_path: Path, capsys: pytest.Ca
     assert len(film._moments) == 5
     said = capsys.readouterr().out
     assert "sweep, episode 1000000:" in said and f"Written to {clip}" in said
+    assert "-1 landmarks mapped" not in said  # these were the distinct ones
     poses = np.loadtxt(tmp_path / "tum" / "sweep-1000000-true.tum")
     assert poses.shape == (9, 8)
     np.testing.assert_allclose(np.linalg.norm(poses[:, 4:], axis=1), 1.0, atol=1e-6)

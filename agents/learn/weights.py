@@ -96,15 +96,13 @@ def card_of(recipe: dict[str, Any], steps: int, seconds: float, chosen: bool) ->
 def read_card(weights: Path) -> dict[str, Any]:
     """The card of the weights in a file (.npz): the one that the file holds, and the results beside it (.json).
 
-    Older weights hold none. Raises ValueError where it is absent or damaged, or of other weights.
+    Raises ValueError where it is absent or damaged, or of other weights.
     """
     path = weights.with_suffix(".json")
     with reading(weights), np.load(weights, allow_pickle=False) as file:
-        held = json.loads(str(file[CARD])) if CARD in file else {}
-        if CARD in file and not (isinstance(held, dict) and "width" in held):
-            raise ValueError("the card that it holds has no width")
-        if not held and not path.exists():
-            raise ValueError(f"it holds no card, and there is no {path.name} beside it")
+        held = json.loads(str(file[CARD])) if CARD in file else None
+        if not (isinstance(held, dict) and "width" in held):
+            raise ValueError("it holds no card with a width; allowed: weights as `train` writes them")
     with reading(path if path.exists() else weights):
         card: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else held
         positive_number("decision_period", card["decision_period"], "seconds")

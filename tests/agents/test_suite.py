@@ -132,6 +132,9 @@ def test_a_learners_training_seeds_are_verified_with_their_weights(tmp_path: Pat
     assert verify(moved / "entry.json") == 0
     assert "4 of 4 episodes replayed" in capsys.readouterr().out
     shutil.copy(moved / "policy-1.npz", moved / "policy-0.npz")
+    assert verify(moved / "entry.json") == 2
+    assert "but of other weights" in capsys.readouterr().err
+    shutil.copy(moved / "policy-1.json", moved / "policy-0.json")
     assert verify(moved / "entry.json") == 1
     assert "contents: (" in capsys.readouterr().out
     (moved / "policy-1.npz").unlink()

@@ -284,6 +284,19 @@ def test_weights_that_are_no_numbers_are_neither_kept_nor_used(trained: Path, tm
         agents.load(str(tmp_path / "bad.npz"), env)
 
 
+def test_a_card_beside_weights_cannot_change_how_they_play(tmp_path: Path) -> None:
+    """`compare --resume` knows weights by their file, and gave a changed `decision_period` the old results."""
+    for name in shipped():
+        path, card = tmp_path / f"{name}.npz", read_card(SHIPPED / f"{name}.npz")
+        shutil.copy(SHIPPED / path.name, path)
+        path.with_suffix(".json").write_text(json.dumps(card | {"decision_period": 2.0}))
+        with pytest.raises(ValueError, match="of other weights"):
+            read(str(path))
+        np.savez(path, **read(name)[0])  # type: ignore[arg-type]
+        with pytest.raises(ValueError, match="holds no card"):
+            read(str(path))
+
+
 def test_a_recipe_is_arguments_by_name_which_later_ones_replace(tmp_path: Path) -> None:
     pytest.importorskip("tensorboard")
     small = "--scenario=sprint --num-envs=2 --duration=2 --total-steps=8 --validation-episodes=1 --test-episodes=0"

@@ -147,8 +147,8 @@ def run_policy(
         message = str(error)
         if not isinstance(error, ValueError):
             message = f"{policies.described(error)}; allowed: predict(observation, …) that returns (action, state)"
-        message = message if source in message else f"policy: {source!r}: {message}"
-        raise ValueError(f"{message} (episode {seeds[0]})") from error
+        message = message if source in message else f"policy: {source!r}, episode {seeds[0]}: {message}"
+        raise ValueError(message) from error
     finally:
         env.close()
 

@@ -152,15 +152,13 @@ class Args(Recipe):
     wandb: str = ""
     """Project of Weights & Biases to which the run is logged too; needs the package wandb."""
     test_episodes: int = 32
-    """Episodes of each scenario for the results on the card; 0 for none."""
+    """Episodes of each scenario for the results on the card; 0 for none, and for no search of best-constant before."""
 
     def check(self) -> None:
         """Raises ValueError for a bad argument; the message names it, its value and what is allowed."""
         super().check()
         if self.wandb and find_spec("wandb") is None:
-            raise ValueError(
-                f"wandb: {self.wandb!r}, but the package is absent; allowed: nothing, or pip install wandb"
-            )
+            raise ValueError(f"wandb: {self.wandb!r}, but its package is absent; allowed: none, or pip install wandb")
         within(self, test_episodes=(0, 10**6))
 
     def arguments(self) -> dict[str, Any]:

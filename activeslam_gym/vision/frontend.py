@@ -19,18 +19,7 @@ from activeslam_gym.slam.filter import Filter
 from activeslam_gym.slam.sight import INSIDE
 from activeslam_gym.vision.corners import new_corners
 from activeslam_gym.vision.recovery import LEAST, PRIOR, Restart, drawn_templates, likeliest_corners, locate
-from activeslam_gym.vision.search import (
-    DOUBTED,
-    MATCHED,
-    MISSED,
-    NOTHING,
-    SEARCH,
-    Findings,
-    Photograph,
-    Searched,
-    search,
-    windows,
-)
+from activeslam_gym.vision.search import MATCHED, NOTHING, SEARCH, Findings, Photograph, Searched, search, windows
 from activeslam_gym.vision.settings import FrontEndSettings
 from activeslam_gym.vision.templates import TEMPLATE_HALF, TEMPLATE_SIDE, TemplateMap, shows_template
 from activeslam_gym.vision.views import is_outdated, reduced, speeds, velocities, view_from
@@ -64,6 +53,7 @@ _NEAR = 0.06  # share of the largest area that is searched where the map is lost
 _NEAREST = 3.0  # times the scenario's inverse depth: that of all that is nearer
 _OVERLOOKED = 0.5  # share of the target's corners that are missed, from which it is sought around them
 _GAP = 1.0 / 3.0, 2.5  # time [s] and frames between two images, from both of which on a hand may be anywhere
+_MOST = 0.75  # share of the searched features that must be matched after a gap: in wide gates some agree by chance
 
 
 class FrontEnd:
@@ -186,11 +176,14 @@ class FrontEnd:
         if self._last_view is not None and dt > self.longest_step:
             self._blind, self._after_gap = s.lost_after, True
         self.filter.predict(u, dt, self.settings.drift / self._focal)
-        before = self._relocalise() if self._is_lost else None
+        before = self.filter.snapshot() if self._after_gap else self._relocalise()
         self._search()
-        outcome = self.searched.outcome
-        searched, found, matched = len(outcome), int((outcome != MISSED).sum()), int((outcome == MATCHED).sum())
-        seen = matched >= (s.constellation if self._is_lost else 3)  # so many determine the pose
+        again = before is not None and not self._after_gap
+        if before is not None and not again and not self._is_seen:  # it is not where it was expected
+            self.filter.restore(before)
+            if again := self._relocalise() is not None:
+                self._search()
+        (searched, found, matched), seen = self.searched.counts, self._is_seen
         if before is not None and not seen:
             self.filter.restore(before)  # the map is not there
         if seen:
@@ -200,11 +193,10 @@ class FrontEnd:
         clear = self._blind == 0 or (self._blind > s.trials and not self._after_gap)
         dropped = self._heed_target()
         initialised, deletions = self._learn() if clear else (0, 0)
-        again, metric = before is not None and seen, len(self.filter.fiducials) > 0
-        features, deletions = self._template_map.features, deletions + dropped
+        metric, features, deletions = len(self.filter.fiducials) > 0, self._template_map.features, deletions + dropped
         counts = features, searched, found, matched, found - matched, initialised, deletions
         agrees, seconds = not self._restart.is_contradicted, time.thread_time() - began
-        return FrameLog(time_s, *counts, clear, not seen, again, metric, 1e3 * seconds, agrees)
+        return FrameLog(time_s, *counts, clear, not seen, again and seen, metric, 1e3 * seconds, agrees)
 
     def _take(self, image: np.ndarray) -> None:
         """Go on to the level of the ``image``'s pyramid that has the size of the filter's camera."""
@@ -227,11 +219,18 @@ class FrontEnd:
     def _is_lost(self) -> bool:
         return self._blind >= self.settings.lost_after
 
+    @property
+    def _is_seen(self) -> bool:
+        """Whether the last search matched so many that they determine the pose."""
+        searched, _, matched = self.searched.counts
+        least = self.settings.constellation if self._is_lost else 3
+        return matched >= max(least, _MOST * searched if self._after_gap else 0)
+
     def _relocalise(self) -> Belief | None:
-        """Seek the map at the corners of the image as it looked when it was seen last. The belief before the camera was
-        put where the map is seen from; None: it was not."""
-        s = self.settings
-        if self._blind % s.lost_after or self._last_view is None:
+        """Seek a lost map at the corners of the image as it looked when it was seen last. The belief before the camera
+        was put where the map is seen from; None: it was not."""
+        s, is_due = self.settings, self._after_gap or self._blind % self.settings.lost_after == 0
+        if not (self._is_lost and is_due) or self._last_view is None:
             return None
         self._look_at()
         ids = self._template_map.ids()
@@ -269,9 +268,8 @@ class FrontEnd:
         row, peak = (some[matched > 0] for some in findings.candidates)
         self._template_map.fit_planes(view, self._grey, places[row], points[row], findings.pixel[row, peak])
         believed = np.any(ids[:, None] == matched, axis=1)
-        outcome = np.where(believed, MATCHED, np.where(findings.peaks > 0, DOUBTED, MISSED))
         n = self._scale
-        columns = ids, n * (z_hat + 0.5) - 0.5, n**2 * S, outcome, point["visibility"] == INSIDE
+        columns = ids, n * (z_hat + 0.5) - 0.5, n**2 * S, findings.outcome(believed), point["visibility"] == INSIDE
         self.searched = Searched(*(column[findings.searched] for column in columns))
 
     def _points(self, rows: np.ndarray) -> np.ndarray:

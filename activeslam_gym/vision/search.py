@@ -43,6 +43,11 @@ class Searched(NamedTuple):
     outcome: np.ndarray  # (m,) MISSED, MATCHED or DOUBTED
     inside: np.ndarray = np.zeros(0, bool)  # (m,) well inside the image, where a miss counts
 
+    @property
+    def counts(self) -> tuple[int, int, int]:
+        """How many templates were searched, found and matched."""
+        return len(self.outcome), int((self.outcome != MISSED).sum()), int((self.outcome == MATCHED).sum())
+
 
 NOTHING = Searched(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0, np.int64))
 
@@ -61,6 +66,10 @@ class Findings(NamedTuple):
         """(M,) the row and the peak of each candidate."""
         row, peak = np.nonzero(np.arange(PEAKS) < self.peaks[:, None])
         return row, peak
+
+    def outcome(self, believed: np.ndarray) -> np.ndarray:
+        """(v,) MISSED, MATCHED or DOUBTED, by which rows are ``believed`` (v,) bool."""
+        return np.where(believed, MATCHED, np.where(self.peaks > 0, DOUBTED, MISSED))
 
 
 @compiled

@@ -62,6 +62,19 @@ def test_after_a_covered_lens_or_a_gap_in_time_the_map_is_found_again(images, aw
     assert errors(done, POSES[-6:]).max() < 0.02
 
 
+def test_after_a_gap_in_time_a_few_chance_matches_are_not_the_map() -> None:
+    """Not half of the last view returns, beside another; then the view itself."""
+    poses = [pose_at((0.001 * k, 0.0005 * k, 0.7)) for k in range(12)]
+    before = [image_from(pose, target=True, samples=2) for pose in poses]
+    other = np.where(np.arange(320) < 150, before[-1], before[-1][::-1, ::-1])
+    images = [*before, other, other + np.uint8(1), before[-1]]
+    frames = [(k / 30.0 + 0.5 * (k >= len(poses)), image) for k, image in enumerate(images)]
+    done = follow(frames, LENS, target_from(target_fields(poses[0])), 30.0)
+    assert done.logs[-3].matched >= FrontEndSettings().constellation
+    assert done.lost[-3:].tolist() == [True, True, False] and errors(done, poses[-1:])[0] < 0.02
+    assert sum(log.initialised + log.deletions for log in done.logs[-3:-1]) == 0
+
+
 def test_a_constellation_tells_the_pose_among_outliers() -> None:
     rng, truth = np.random.default_rng(4), POSES[5]
     points = rng.uniform((-0.3, -0.25, -0.2), (0.3, 0.25, 0.1), (9, 3))

@@ -91,7 +91,7 @@ def images_of(
             raise ValueError("times are for stored images; a live camera has its own")
         return Images(_begun(_live(str(path), size)), rate or USUAL_RATE, None)
     file, kind, own, files = Path(path), Path(path).suffix.lower(), None, list[Path]()
-    rows = read_times(times or path) if times or kind in LISTS else []
+    rows, numbers = read_times(times or path) if times or kind in LISTS else [], _numbers_in([])
     stamps = [stamp for stamp, _ in rows] if timed else []
     if is_video := file.is_file() and kind not in LISTS + PICTURES:
         stored, own, count = _video(file)
@@ -101,6 +101,7 @@ def images_of(
             files, stamps = _at_times(files, rows, times)
         elif timed and not rows:
             stamps = _times_in([file.stem for file in files])
+            numbers = numbers if stamps else _numbers_in(files)
             if rate is not None:  # which they give way to, with a word
                 step = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
                 own, stamps = 1.0 / step if step > 0.0 else None, []
@@ -117,7 +118,7 @@ def images_of(
     elif timed and not (stamps or rate or own):
         print(f"{path}: {USUAL_RATE:g} images a second are assumed; --rate or --times gives others", file=sys.stderr)
     usual = (own or rate if stamps else rate or own) or USUAL_RATE
-    numbered = (k / usual for k in itertools.count())
+    numbered = (k / usual for k in numbers)
     clock = None if timed and is_video and not stamps and not rate else iter(stamps or numbered)
     names = tuple(file.name for file in files)
     return Images(_begun(_timed(stored, clock, size)), usual, count, stamps[0] if stamps else 0.0, names)
@@ -171,6 +172,21 @@ def _times_in(names: list[str]) -> list[float]:
     if len(clocks) < len(names) and max(numbers, default=0.0) > _NEVER:
         print("the pictures' names are not used as times: not all are in s, or in ns since 1970", file=sys.stderr)
     return clocks if len(clocks) == len(names) else []
+
+
+def _numbers_in(files: list[Path]) -> Iterator[int]:
+    """0, 1, 2 ... of ``files``, and with gaps where their names differ in one whole number alone, which has gaps."""
+    parts = [_NUMBER.split(str(file)) for file in files]
+    columns = [column for column in zip(*parts) if len({*column}) > 1] if len({*map(len, parts)}) == 1 else []
+    if len(columns) != 1 or not all(map(str.isdecimal, columns[0])):
+        return itertools.count()
+    steps = [int(after) - int(before) for before, after in itertools.pairwise(columns[0])]
+    usual = max(sorted({*steps}), key=steps.count)
+    if min(steps) == max(steps) or min(steps) < 1 or any(step % usual for step in steps):
+        return itertools.count()
+    missing = sum(steps) // usual - len(steps)
+    print(f"of the numbers in the pictures' names {missing} are missing; times follow the numbers", file=sys.stderr)
+    return itertools.accumulate((step // usual for step in steps), initial=0)
 
 
 def _at_times(files: list[Path], rows: list[tuple[float, str]], times: str | Path) -> tuple[list[Path], list[float]]:

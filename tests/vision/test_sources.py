@@ -108,6 +108,18 @@ def test_pictures_that_are_not_one_sequence_are_refused(tmp_path) -> None:
         images_of(tmp_path / "times.txt")
 
 
+def test_times_follow_the_numbers_in_names_where_some_are_missing(tmp_path, capsys) -> None:
+    for name, step in (("each", 1), ("tenth", 10)):
+        pictures(tmp_path / name, [f"cam0_{step * k:04}.png" for k in (3, 4, 7, 8, 9)])
+        assert [time for time, _ in images_of(tmp_path / name, 10.0).frames] == [0.0, 0.1, 0.4, 0.5, 0.6]
+        assert "of the numbers in the pictures' names 2 are missing" in capsys.readouterr().err
+    others = ["a3 a4 a5", "cam0_3 cam1_4 cam1_6", "3.25 3.5 4.5", "33 67 100", "a1 b2 b4"]
+    for folder, names in enumerate(others):
+        pictures(tmp_path / str(folder), [f"{name}.png" for name in names.split()])
+        assert [time for time, _ in images_of(tmp_path / str(folder), 10.0).frames] == [0.0, 0.1, 0.2]
+        assert "missing" not in capsys.readouterr().err
+
+
 def test_times_in_names_are_used_unless_a_rate_is_given(tmp_path, capsys) -> None:
     pictures(tmp_path / "euroc", [f"{START + k * 50000000}.png" for k in range(4)])
     pictures(tmp_path / "tum", [f"{1305031102.175304 + k / 20:.6f}.png" for k in range(4)])

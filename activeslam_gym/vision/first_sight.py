@@ -201,7 +201,7 @@ def demand_agreement(camera: Record, pose: np.ndarray, points: np.ndarray, pixel
     missed = float(np.sqrt(squares / (2 * len(points) - 6)))  # the pose was fitted
     most = max(_MISSED[0], _MISSED[1] * float(np.linalg.norm(np.ptp(pixels, axis=0))))
     if missed > most:
-        check = "sizes (gap is no pitch), columns and rows, order and turn of corners or tags, lens and focus"
+        check = "sizes, order and turn of corners or tags, lens and focus; of a board columns, rows and gap (no pitch)"
         raise ValueError(
             f"the target contradicts the first image by {missed:.1f} px, {most:.1f} at most: check {check}"
         )

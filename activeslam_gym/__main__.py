@@ -82,6 +82,8 @@ def _add_track(commands: Any) -> None:
     one.add_argument(
         "--times", metavar="FILE", help="times of the images: TUM's rgb.txt, EuRoC's data.csv, or a time a line"
     )
+    readout = "seconds from the first row of an image to the last, of a rolling shutter; poses are the middle row's"
+    one.add_argument("--readout", type=float, default=0.0, help=f"{readout} {_DEFAULT}")
     one.add_argument("--out", required=True, help="folder to write trajectory.tum, map.csv and frames.csv to")
     one.add_argument("--features", type=int, default=FEATURES, help=f"largest number of features in the map {_DEFAULT}")
     one.add_argument("--film", action="store_true", help="write film.mp4 too: the images beside the map")

@@ -22,7 +22,7 @@ from activeslam_gym.vision.recovery import LEAST, PRIOR, Restart, drawn_template
 from activeslam_gym.vision.search import MATCHED, NOTHING, SEARCH, Findings, Photograph, Searched, search, windows
 from activeslam_gym.vision.settings import FrontEndSettings
 from activeslam_gym.vision.templates import TEMPLATE_HALF, TEMPLATE_SIDE, TemplateMap, shows_template
-from activeslam_gym.vision.views import is_outdated, reduced, speeds, velocities, view_from
+from activeslam_gym.vision.views import delayed, is_outdated, point_at, reduced, speeds, velocities, view_from
 
 
 class FrameLog(NamedTuple):
@@ -258,12 +258,13 @@ class FrontEnd:
         ids, z_hat, points = point["id"], np.ascontiguousarray(point["z_hat"]), self._points(point["row"])
         S, places = sight.S.reshape(len(v), 2, len(v), 2)[v, :, v, :], self._template_map.places(ids)
         places[self._template_map.change_of_view(places, points, mean) > s.most_change] = -1
+        z_hat = z_hat + (delays := delayed(self.camera, mean, points, z_hat, s.readout))
         view, templates = view_from(self.camera, mean), self._template_map.templates
         model, least = (self._near, 3) if self._is_lost else (self._model, 1)
-        searched = places >= 0
-        self._look_at(windows(model, self._grey, z_hat[searched], S[searched]))
+        self._look_at(windows(model, self._grey, z_hat[places >= 0], S[places >= 0]))
         findings = search(view, model, templates, self._grey, places, points, z_hat, S)
         self.candidates = self._candidates(ids, places, findings)
+        self.candidates["pixel"] -= delays[findings.candidates[0]]
         self.candidates["match"] = matched = self.filter.update(self.candidates, jointly=True, least=least)
         row, peak = (some[matched > 0] for some in findings.candidates)
         self._template_map.fit_planes(view, self._grey, places[row], points[row], findings.pixel[row, peak])
@@ -380,14 +381,15 @@ class FrontEnd:
         self._look_at()
         if math.isfinite(s.depth_prior):
             self._expect_depths()
-        born, count = np.zeros(wanted, DETECTION), 0
+        born, count, camera, mean = np.zeros(wanted, DETECTION), 0, self.camera, self.filter.mean
         for pixel in new_corners(self._image, occupied, wanted, TEMPLATE_SIDE, edge + 6, s.least_corner):
             if self._template_map.features >= self.filter.capacity:
                 oldest = self._template_map.longest_unseen(self.filter.ids, self._frame - s.lost_after)
                 if oldest is None or in_view + count >= s.least_visible:
                     break
                 self._forget(oldest)
-            id = self.filter.add_landmark(pixel)
+            ahead = point_at(camera, mean, pixel, self.filter.expected_inverse_depth[0])
+            id = self.filter.add_landmark(pixel - delayed(camera, mean, ahead, pixel[None], s.readout)[0])
             if id > 0:
                 self._template_map.add(id, self._grey, pixel, self.filter.mean, _UNKNOWN, self._frame)
                 born[count]["match"], born[count]["pixel"] = id, pixel

@@ -18,6 +18,8 @@ class FrontEndSettings:
     another. Other pixels are those of the image that is searched, see `Calibration.scale`.
     """
 
+    readout: float = 0.0  # time from the first row of an image to the last, of a rolling shutter [s]
+
     # Search
     least_score: float = 0.8  # normalised cross-correlation of a candidate; a match and an outlier are as likely there
     largest_area: float = 20000.0  # of a larger ellipse, the middle part of this size is searched [px^2]

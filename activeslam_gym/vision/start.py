@@ -72,8 +72,8 @@ def steps_from_anywhere(
     If the start is never certain, or the images are too many to be held, the logs say so. An exception of the source
     comes in its turn.
     """
-    search, held = Start(calibration, front_end.longest_step), list[tuple[Frame, FrameLog]]()
-    reported, filter = 0, front_end.filter
+    filter, held = front_end.filter, list[tuple[Frame, FrameLog]]()
+    search, reported = Start(calibration, front_end.longest_step, front_end.settings.readout), 0
     certain, ending, motion = False, None, filter.models.motion
     wide = not is_narrow(front_end.camera)
     while not certain and ending is None:
@@ -120,8 +120,8 @@ class Start:
     """Looks for the start, image by image; from the later of two that cannot be joined, or lie farther apart than the
     ``longest_step`` [s]."""
 
-    def __init__(self, calibration: Calibration, longest_step: float = np.inf) -> None:
-        self.corners, self._longest_step = Corners(calibration), longest_step
+    def __init__(self, calibration: Calibration, longest_step: float = np.inf, readout: float = 0.0) -> None:
+        self.corners, self._longest_step = Corners(calibration, readout), longest_step
         self._next, self._certain = 0, list[Opening]()
         self.best: Opening | None = None
         """The likeliest so far; the one that is certain is the start."""

@@ -235,6 +235,9 @@ def track(args: Namespace) -> tuple[Track, str]:
             read_times(args.times)
     with argument("images", SourceError):
         source = images_of(args.images, args.rate, args.times, lens[:2])
+    with argument("readout"):
+        if not abs(args.readout) < 1.0 / source.rate:
+            raise ValueError(f"must be less than the {1.0 / source.rate:.3f} s between images, got {args.readout:g}")
     with argument("out"):
         demand_writable(folder)
         folder.mkdir(parents=True, exist_ok=True)
@@ -257,7 +260,8 @@ def track(args: Namespace) -> tuple[Track, str]:
     with ExitStack() as at_close:
         bar = tqdm(map(straighten, source.frames), "track", source.total, unit=" images", disable=None)  # in a terminal
         whole = at_close.enter_context(closing(interruptible(bar)))
-        done = follow(whole, lens, known, source.rate, watch=keep, features=args.features)
+        settings = FrontEndSettings(readout=args.readout)
+        done = follow(whole, lens, known, source.rate, settings, watch=keep, features=args.features)
         if files is not None:
             points, P = done.filter.points()
             files.save(done.filter.ids, points, np.sqrt(np.diag(P)[CAMERA_DIM:]).reshape(-1, 3))

@@ -49,12 +49,14 @@ class Seen(NamedTuple):
 class Corners:
     """Corners tracked through images, with the turn of the camera that explains the most of them."""
 
-    def __init__(self, calibration: Calibration) -> None:
+    def __init__(self, calibration: Calibration, readout: float = 0.0) -> None:
         self.level = max(0.5 * calibration.scale, 1.0)
         """Pixels of an image, along a side, to one of the level of its pyramid in which corners are tracked."""
         self._camera = calibration.reduced(self.level).camera
         self._radius = TEMPLATE_SIDE * max(calibration.scale / self.level, 1.0)
-        self._image = np.zeros((0, 0), np.uint8)
+        self._image, self._readout = np.zeros((0, 0), np.uint8), readout
+        self._velocity = np.zeros(2)  # median of the corners' [px/s]
+        self._delay = np.zeros((0, 2))  # how far corners have moved since the middle row was read
         self._first, self._d = np.zeros((0, 2)), np.zeros((0, 3))  # pixels and directions at first sight
         self._born, self._moved = np.zeros(0, np.int64), np.zeros(0, bool)
         self.pixels = np.zeros((0, 2))
@@ -77,11 +79,17 @@ class Corners:
         fewest, R = max(FEWEST, _JOINED * self.live.sum()), last.R_WC if last else rotation_matrix(FACING)
         if last:
             self.pixels = self._tracked(self._image, image)
+            velocity = (self.pixels - before) / (time - last.time)
+            self._delay = self._delays(self.pixels, velocity)
+            if self._readout and len(self.seen) == 1:  # now that the first velocities are known
+                bearing, std = self._rays(before - self._delays(before, np.nan_to_num(velocity)))
+                self._d, self.seen[0] = bearing @ R.T, last._replace(bearing=bearing, std=std)
+            self._velocity = np.median(velocity[self.live], axis=0) if self.live.any() else np.zeros(2)
         self._image, enough = image, joined and bool(self.live.sum() >= fewest)
         way = last.way if last else 0.0
         if enough:
             live = self.live
-            R, residual = _turn(R, self._d[live], *self._rays(self.pixels[live]), self._parts(live))
+            R, residual = _turn(R, self._d[live], *self._rays((self.pixels - self._delay)[live]), self._parts(live))
             self._moved[live] = residual > _MOVED
             way += float(np.median(np.linalg.norm((self.pixels - before)[live], axis=1)))
         else:
@@ -89,7 +97,7 @@ class Corners:
         self._grow(image, R)
         here = np.flatnonzero(self.live)
         turned = last is None or not enough or (last.turned and not self.show_parallax())
-        self.seen.append(Seen(time, here, *self._rays(self.pixels[here]), R, way, turned))
+        self.seen.append(Seen(time, here, *self._rays((self.pixels - self._delay)[here]), R, way, turned))
         return enough or (last is None and self.initialised >= FEWEST)
 
     def _grow(self, image: np.ndarray, R: np.ndarray) -> None:
@@ -104,7 +112,9 @@ class Corners:
         new = new[both.min(axis=1) > _ROUND * both.max(axis=1)]
         self.pixels, self._first = np.vstack((self.pixels, new)), np.vstack((self._first, new))
         self.initialised = len(new)
-        self._d = np.vstack((self._d, self._rays(new)[0] @ R.T))
+        delay = self._delays(new, np.broadcast_to(self._velocity, new.shape))
+        self._delay = np.vstack((self._delay, delay))
+        self._d = np.vstack((self._d, self._rays(new - delay)[0] @ R.T))
         self._born = np.append(self._born, np.full(len(new), len(self.seen)))
         self._moved = np.append(self._moved, np.zeros(len(new), bool))
 
@@ -123,6 +133,11 @@ class Corners:
             good = inside & (found & again).ravel().astype(bool) & (np.abs(back - start).max(axis=(1, 2)) < _CLOSED)
             out[here[good]] = pixel[good]
         return out
+
+    def _delays(self, pixels: np.ndarray, velocities: np.ndarray) -> np.ndarray:
+        """(n, 2) how far corners at ``pixels`` (n, 2), with ``velocities`` (n, 2) [px/s], move from the time of the
+        middle row to that of their own, see `views.delayed`."""
+        return self._readout * ((pixels[:, 1:] + 0.5) / self._image.shape[0] - 0.5) * velocities
 
     def _rays(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(n, 3) bearings and (n,) their deviations: the root of the solid angle of a pixel, times `PIXEL_STD`."""

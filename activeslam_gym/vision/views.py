@@ -97,6 +97,20 @@ def velocities(camera: Record, mean: np.ndarray, points: np.ndarray) -> np.ndarr
     return np.nan_to_num(_steps(camera, mean, points)) / _MOMENT
 
 
+def delayed(camera: Record, mean: np.ndarray, points: np.ndarray, pixels: np.ndarray, readout: float) -> np.ndarray:
+    """(n, 2) how far the images of ``points`` (n, 3), at ``pixels`` (n, 2), move from the time of the middle row to
+    that of their own, where a rolling shutter reads one row after the other within ``readout`` [s]."""
+    if readout == 0.0:
+        return np.zeros_like(pixels)
+    return readout * ((pixels[:, 1:] + 0.5) / float(camera.height) - 0.5) * velocities(camera, mean, points)
+
+
+def point_at(camera: Record, mean: np.ndarray, pixel: np.ndarray, inverse_depth: float) -> np.ndarray:
+    """(1, 3) the point that is seen at ``pixel`` (2,) from ``mean`` (>= 7,) at that ``inverse_depth`` [1/m]."""
+    ray = ray_from_pixel(camera, pixel)
+    return mean[:3] + np.array([world_from_camera(rotation_matrix(mean[QUATERNION]), ray)]) / inverse_depth
+
+
 def pose_of(turn: np.ndarray, shift: np.ndarray) -> np.ndarray:
     """(7,) position and quaternion q_WC of the camera that has a point p at Exp(turn) p + shift, as OpenCV tells it."""
     R_WC = Rotation.from_rotvec(turn.ravel()).inv()

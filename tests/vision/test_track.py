@@ -19,13 +19,17 @@ cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 from activeslam_gym.__main__ import main, parser
 from activeslam_gym.geometry import rotation_error
 from activeslam_gym.vision import film
+from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.first_sight import start_pose
 from activeslam_gym.vision.other_lenses import lens_from
 from activeslam_gym.vision.report import TrackFiles
+from activeslam_gym.vision.room.camera import RoomCamera
+from activeslam_gym.vision.settings import FrontEndSettings
 from activeslam_gym.vision.sources import images_of
 from activeslam_gym.vision.target import read_target
 from activeslam_gym.vision.track import follow, summary, track
 from activeslam_gym.vision.views import projected, reduced
+from studies.excerpts import _ROOM as EXCERPTS
 from tests.vision_scene import (
     CAMERA,
     LENS,
@@ -268,3 +272,28 @@ def test_a_target_that_is_moved_contradicts_the_map_though_no_corner_is_matched(
     done = follow([(k / 30.0, image) for k, image in enumerate(images)], LENS, target, 30.0)
     assert not done.start_certain and "the map contradicts the images from 0." in done.doubt
     assert np.linalg.norm(done.cameras[-1, :3] - poses[-1][:3]) < 0.03, "the map is right"
+
+
+def test_a_rolling_shutter_is_corrected_by_its_readout_time() -> None:
+    """A camera slides and turns to and fro, by up to 57 degrees a second, while its rows are read within 30 ms."""
+    lens, readout, band = Calibration(320, 240, 200.0, 159.5, 119.5, 0.0), 0.03, 16
+    room = RoomCamera(EXCERPTS, lens.camera, np.random.SeedSequence(6))
+
+    def state_at(time: float) -> np.ndarray:
+        x, turn = 0.2 * np.sin(1.5 * time), Rotation.from_rotvec((0.0, 0.25 * np.sin(4.0 * time), 0.0))
+        return np.concatenate(((x, 0.0, 0.0), np.roll(turn.as_quat(), 1), np.zeros(6)))
+
+    def image_at(k: int) -> np.ndarray:
+        image = np.zeros((240, 320), np.uint8)
+        for top in range(0, 240, band):
+            own, rows = k / 30.0 + readout * ((top + 0.5 * band) / 240 - 0.5), slice(top, top + band)
+            image[rows] = room.photograph(state_at(own), k, np.array([[0, 319, top, top + band - 1]]))[rows]
+        return image
+
+    images, errors = [(k / 30.0, image_at(k)) for k in range(60)], list[float]()
+    truth = Rotation.from_quat(np.roll([state_at(time)[3:7] for time, _ in images], -1, axis=1))
+    for given in (0.0, readout):
+        done = follow(images, lens, None, 30.0, FrontEndSettings(readout=given))
+        found = Rotation.from_quat(np.roll(done.cameras[:, 3:7], -1, axis=1))
+        errors.append(((found[0].inv() * found).inv() * (truth[0].inv() * truth)).magnitude().max())
+    assert errors[1] < np.radians(0.6) and errors[0] > 3.0 * errors[1], np.degrees(errors)

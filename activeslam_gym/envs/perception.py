@@ -20,13 +20,14 @@ from activeslam_gym.envs.step import (
     simulate,
 )
 from activeslam_gym.kernels import row, uncompiled
-from activeslam_gym.motion import POSITION, QUATERNION
+from activeslam_gym.motion import CAMERA_DIM, POSITION, QUATERNION
 from activeslam_gym.registry import array_of, asked, name_of, part_of
 from activeslam_gym.sensors.points import PointSensor
 from activeslam_gym.sensors.sensor import OWN_SENSORS, POINTS, measured, noise_of, seen_by
 from activeslam_gym.slam.detection import REJECTED
 from activeslam_gym.slam.ekf import ESTIMATORS, Ekf
 from activeslam_gym.slam.estimate import Estimate, Measurements, put_estimate
+from activeslam_gym.slam.sight import PREDICTED, Sight, sight_of_belief, sight_with
 from activeslam_gym.world.bodies import drop_hidden, narrow_clearance, push_out, reach_of_command
 from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.truth import truth_of
@@ -60,6 +61,10 @@ class Perception:
     def frame(self, run: Run, u: np.ndarray, contact: bool) -> None:
         """After the camera has moved under the known accelerations ``u`` (6,): measure, estimate and judge."""
         raise NotImplementedError
+
+    def predicted(self, run: Run) -> Sight:
+        """The filter's predicted measurements at its present estimate."""
+        return sight_of_belief(run.models.lens, run.ekf, run.world.fiducials, uncompiled(known_boxes)(run))
 
 
 def step_runs_in_python(
@@ -168,6 +173,12 @@ class PythonPerception(Perception):
             seen = seen_by(self._sensed, self.sensor, run.estimate.state.camera, run.expected["point"])
             run.expected["hidden"] = ~seen
         judge(run)
+
+    def predicted(self, run: Run) -> Sight:
+        """Those of the built-in filter, by the sensor; none of another estimator, whose predictions are its own."""
+        if isinstance(self._estimator, Ekf):
+            return self._estimator.predicted()
+        return sight_with(np.zeros(0, PREDICTED), np.eye(CAMERA_DIM), CAMERA_DIM)
 
     def _put_estimate(self, run: Run, matched: np.ndarray) -> None:
         """Write the estimator's estimate into the run. Every id must be of a fiducial or of a landmark of it, and every

@@ -6,15 +6,12 @@ import gymnasium
 import numpy as np
 
 from activeslam_gym.config import Scenario
+from activeslam_gym.envs.perception import Perception
 from activeslam_gym.envs.public import PublicBelief, public_belief
-from activeslam_gym.envs.run import known_boxes
 from activeslam_gym.envs.runs import Runs
 from activeslam_gym.information.entropy import WAITING
-from activeslam_gym.kernels import uncompiled
 from activeslam_gym.motion import Gaze, Motion, nearest_gaze, nearest_motion
 from activeslam_gym.sensors.sensor import TEXTURED
-from activeslam_gym.slam.estimate import COMPILED
-from activeslam_gym.slam.sight import sight_of_belief
 from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.simulator import boxes_of
 from activeslam_gym.world.truth import Truth, truth_of
@@ -84,9 +81,8 @@ def snapshot_of(runs: Runs, i: int) -> Snapshot:
     landmarks = truth.landmarks[~waiting] if scenario.sensor in TEXTURED else truth.landmarks
     past = np.reshape(runs._past[i], (-1, 9))
     times, most_mapped = past[:, 0], np.maximum.accumulate(past[:, 2])
-    points = sight_of_belief(run.models.lens, run.ekf, run.world.fiducials, uncompiled(known_boxes)(run))
-    drawn = len(points.point) if scenario.estimator in COMPILED else 0  # another estimator's predictions are its own
-    own = 2 * np.arange(drawn)[:, None, None] + np.arange(2)
+    sight = (perception or Perception()).predicted(run)
+    own = 2 * np.arange(len(sight.point))[:, None, None] + np.arange(2)
     return Snapshot(
         scenario=scenario,
         time=int(episode.steps) * runs.gaze_period,
@@ -99,8 +95,8 @@ def snapshot_of(runs: Runs, i: int) -> Snapshot:
         floor_plan=_floor_plan(getattr(perception, "scene", None)),
         expected_landmarks=run.expected["point"][waiting],
         detections=run.detections["pixel"][: episode.detection_count].copy(),
-        predicted=points.point["z_hat"][:drawn].copy(),
-        predicted_covariance=points.S[np.swapaxes(own, 1, 2), own],
+        predicted=sight.point["z_hat"].copy(),
+        predicted_covariance=sight.S[np.swapaxes(own, 1, 2), own],
         true_trajectory=past[:, 3:6],
         estimated_trajectory=past[:, 6:],
         times=times,

@@ -78,6 +78,22 @@ def test_a_range_sensor_flies_with_the_built_in_filter_and_planner_and_tells_mor
     assert np.mean([run.position_nees for run in ranged]) < 2.0
 
 
+@pytest.mark.parametrize("parts", [{}, {"scene": SphereScene}, {"sensor": PointSensor}, {"sensor": RangeSensor}, NUMPY])
+def test_a_snapshot_has_the_predictions_of_the_present_estimate(parts: dict[str, Any]) -> None:
+    """With a foreign sensor they were those of the prior."""
+    env: Any = gym.make("ActiveSLAM-v0", end_when_lost=False, **parts).unwrapped
+    env.reset(seed=3)
+    for k in range(24):
+        env.step((0 if k < 12 else 3, 1))
+    now = env.snapshot()
+    if parts is NUMPY:
+        assert len(now.predicted) == 0 and now.predicted_covariance.shape == (0, 2, 2)
+        return
+    innovations = now.detections[:, None] - now.predicted
+    squared = np.einsum("mni,nij,mnj->mn", innovations, np.linalg.inv(now.predicted_covariance), innovations)
+    assert len(now.detections) >= 5 and np.mean(squared.min(axis=1) < 16.0) > 0.6
+
+
 def test_a_view_of_one_environment_of_a_batch_follows_it() -> None:
     batch = gym.make_vec("ActiveSLAMDiscrete-v0", num_envs=2, scene=SphereScene, render_mode="rgb_array").unwrapped
     one = batch.run(1)

@@ -16,6 +16,7 @@ from activeslam_gym.evaluation import Episode, run_episode
 from activeslam_gym.information import candidates
 from activeslam_gym.sensors.points import PointSensor
 from activeslam_gym.sensors.sensor import Detections
+from activeslam_gym.slam.detection import NEW
 from activeslam_gym.slam.ekf import Ekf, new_landmark
 from activeslam_gym.slam.estimate import Estimate
 from examples.extend_estimator import NumpyEkf
@@ -274,6 +275,13 @@ def test_a_singular_initialisation_is_no_landmark() -> None:
     assert np.isnan(Q[3:, 3:]).all()
 
 
+class Localiser(Ekf):
+    """It knows of fiducials alone: `check_estimator` demanded landmarks."""
+
+    def add_landmark(self, value: np.ndarray, R: np.ndarray) -> int:
+        return NEW
+
+
 LAWS: dict[str, tuple[Callable[[Any], None], type]] = {
     "from b to a|past their clearance": (checks.check_scene, OneWay),
     "before their clearance": (checks.check_scene, like(SphereScene, clearance=lambda x: np.minimum(x + 0.1, x.max()))),
@@ -286,6 +294,7 @@ LAWS: dict[str, tuple[Callable[[Any], None], type]] = {
     "times the noise": (checks.check_sensor, Precise),
     "measures something else": (checks.check_sensor, like(RangeSensor, measure=at_random)),
     "overconfident": (checks.check_estimator, estimated(Ekf, covariance=lambda P: 1e-4 * P)),
+    "errors of landmarks": (checks.check_estimator, estimated(Ekf, points=lambda y: y * (-1.0, 1.0, 1.0))),
     "not positive definite": (checks.check_estimator, estimated(Ekf, covariance=lambda P: P - 2.0 * np.eye(len(P)))),
     "begins with": (checks.check_estimator, Certain),
 }
@@ -303,6 +312,7 @@ def test_parts_that_hold_the_laws_pass() -> None:
     checks.check_scene("boxes", "office")
     checks.check_sensor("examples.extend_range_sensor:RangeSensor")
     checks.check_estimator("ekf")
+    checks.check_estimator(Localiser)
     checks.check_sensor(RangeSensor, {"duration": 2.0})
     with pytest.raises(ValueError, match="the package's own; allowed"):
         checks.check_sensor("points")

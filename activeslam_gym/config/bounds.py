@@ -98,6 +98,9 @@ CountRange = Annotated[tuple[int, int], _COUNTS]
 Boxes = Annotated[tuple[tuple[tuple[float, float, float], tuple[float, float, float]], ...], _BOXES, _MODERATE]
 Switch = Annotated[bool, Bound("True or False", lambda value: isinstance(value, bool))]
 String = Annotated[str, Bound("a string", lambda value: isinstance(value, str))]
+SceneOrMesh = Annotated[
+    Any, Bound("a name, a mesh, or an object that can be called", lambda x: isinstance(x, (str, dict)) or callable(x))
+]
 Part = Annotated[Any, Bound("a name, or an object that can be called", lambda x: isinstance(x, str) or callable(x))]
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, is_dataclass, replace
 from typing import Any
 
 from activeslam_gym.config.filter import DEPTH_PARTICLES
@@ -132,8 +132,10 @@ def benchmark_seed(name: str, validation: bool = False) -> int:
 
 
 def fields_of(scenario: Scenario) -> dict[str, Any]:
-    """The fields of a scenario by name, JSON-plain: parts that are objects by their names."""
+    """The fields of a scenario by name, JSON-plain: parts that are objects by their names, a mesh by its own fields."""
     values = {field.name: getattr(scenario, field.name) for field in fields(scenario)}
+    if is_dataclass(scene := scenario.scene) and not isinstance(scene, type):
+        values["scene"] = asdict(scene)
     return {name: name_of(value) if callable(value) else value for name, value in values.items()}
 
 

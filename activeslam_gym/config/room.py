@@ -26,7 +26,7 @@ class NoRoomError(RuntimeError, ValueError):
 class RoomSettings(bounds.Settings):
     """Geometry of the room and of the first pose."""
 
-    scene: bounds.Part = BOXES
+    scene: bounds.SceneOrMesh = BOXES
     """Scene that hides landmarks and stops the camera: `boxes`, a mesh, or one of your own (`world.scenes`)."""
     room_size: bounds.PositiveXYZ = (6.0, 2.0, 6.0)
     """Extent along X, Y (height) and Z [m]."""

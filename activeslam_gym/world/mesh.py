@@ -1,4 +1,4 @@
-"""A triangle mesh as a scene: ``scene="flat.glb"``; a `MeshFactory` where its axes or its unit differ.
+"""A triangle mesh as a scene: ``scene="flat.glb"``; a `MeshFactory`, or its fields, where its axes or its unit differ.
 
 Rays by Embree (Wald, Woop, Benthin, Johnson and Ernst, "Embree: a kernel framework for efficient CPU ray tracing",
 2014), of the extra ``mesh``. The room is the mesh's bounding box, whose middle is the world's origin.
@@ -36,8 +36,10 @@ class MeshFactory:
     unit: float = 1.0
 
     def __post_init__(self) -> None:
-        if self.up not in _UP or not is_number(plain(self.unit)) or self.unit <= 0.0:
-            raise ValueError(f"up must be y or z, and unit a positive number of metres, got {self}")
+        if not isinstance(plain(self.path), str) or self.up not in tuple(_UP):
+            raise ValueError(f"path must be the file of a mesh, and up y or z, got {self}")
+        if not is_number(plain(self.unit)) or self.unit <= 0.0:
+            raise ValueError(f"unit must be a positive number of metres, got {self}")
 
     def fitted(self, scenario: Scenario) -> Scenario:
         """The scenario with the room of the mesh, and a start where there is space."""
@@ -45,7 +47,8 @@ class MeshFactory:
         for name, own, free in ("room_size", size, Scenario().room_size), ("start", ANYWHERE, CENTRE):
             if (given := getattr(scenario, name)) not in (own, free):
                 raise ValueError(f"scenario.{name} of a mesh must be left out, or {own!r}, got {given!r}")
-        return replace(scenario, room_size=size, start=ANYWHERE)
+        scene = scenario.scene if isinstance(scenario.scene, str) else self
+        return replace(scenario, scene=scene, room_size=size, start=ANYWHERE)
 
     def __call__(self, scenario: Scenario, rng: np.random.Generator | None) -> "MeshScene":
         """The scene, the same at every reset."""

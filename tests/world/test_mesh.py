@@ -1,6 +1,7 @@
 """A mesh as a scene: what it hides and stops is that of boxes, and what cannot be flown in is said."""
 
 import copy
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,8 @@ pytest.importorskip("embreex", reason="the extra `mesh` is not installed")
 import baselines  # noqa: E402
 from activeslam_gym import Scenario, check_scene  # noqa: E402
 from activeslam_gym.camera import hidden  # noqa: E402
-from activeslam_gym.config import TRAINING_SEED  # noqa: E402
+from activeslam_gym.config import TRAINING_SEED, fields_of  # noqa: E402
+from activeslam_gym.envs.setting import scenario_with  # noqa: E402
 from activeslam_gym.evaluation import play  # noqa: E402
 from activeslam_gym.world.furniture import first_hits  # noqa: E402
 from activeslam_gym.world.mesh import MeshFactory  # noqa: E402
@@ -123,6 +125,17 @@ def test_axes_and_unit_are_options(tmp_path: Path) -> None:
     np.testing.assert_allclose(other.bounds, plain.bounds, atol=1e-4)
 
 
+def test_a_mesh_of_another_unit_is_made_again_from_its_spec(tmp_path: Path) -> None:
+    """Its spec's JSON was refused."""
+    factory = MeshFactory(saved(flat().apply_scale(1000.0), tmp_path, "flat.ply"), unit=0.001)
+    for given in ({"scene": factory}, {"scenario": {"scene": dataclasses.asdict(factory)}}):
+        env = gym.make("ActiveSLAM-v0", **given)
+        again = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
+        assert again.unwrapped.scenario == env.unwrapped.scenario and again.unwrapped.scenario.scene == factory
+        assert scenario_with(json.loads(json.dumps(fields_of(env.unwrapped.scenario)))) == env.unwrapped.scenario
+        again.reset(seed=0)
+
+
 def opened() -> Any:
     """A floor, a wall and nothing else."""
     walls = ((8.0, 0.1, 6.0), (0.0, 0.0, 0.0)), ((8.0, 2.5, 0.1), (0.0, 1.25, 3.0))
@@ -140,6 +153,9 @@ def test_what_cannot_be_flown_in_is_told_with_its_cause(tmp_path: Path) -> None:
         ({"scene": str(tmp_path / "none.glb")}, "scenario.scene"),
         ({"scene": str(tmp_path / "text.ply")}, "no mesh"),
         ({"scene": saved(flat(), tmp_path), "start": "corner"}, "start"),
+        ({"scene": {"path": saved(flat(), tmp_path), "up": "x"}}, "y or z, got"),
+        ({"scene": {"path": 5}}, "file of a mesh, and"),
+        ({"scene": {"path": "flat.glb", "unit": "mm"}}, "unit must"),
     ):
         with pytest.raises(ValueError, match=match):
             gym.make("ActiveSLAM-v0", scenario=scenario)

@@ -13,11 +13,11 @@ FOREIGN = -1  # in place of its number: a part that is not one of the package's 
 _GREATEST = 1e300  # a foreign function's values are below it, so that differences and sums of them are finite
 
 
-def part_of(argument: str, given: Any, own: Mapping[str, Any]) -> Any:
+def part_of(argument: str, given: Any, own: Mapping[str, Any], *others: str) -> Any:
     """The part that an ``argument`` gives: an object as it is, or by name: one of ``own``, or 'package.module:name'.
 
     Raises:
-        ValueError: there is no such part; the message lists those that there are.
+        ValueError: there is no such part; the message lists those that there are, and ``others`` that a caller takes.
     """
     if isinstance(given, str) and given in own:
         return own[given]
@@ -29,7 +29,7 @@ def part_of(argument: str, given: Any, own: Mapping[str, Any]) -> Any:
             why = f"{type(error).__name__}: {error}"
             raise ValueError(f"{argument}: {given!r} cannot be imported ({why})") from error
     if isinstance(given, str) or not callable(given):
-        allowed = f"one of {', '.join(own)}, 'package.module:name', or an object that can be called"
+        allowed = f"one of {', '.join((*own, *others))}, 'package.module:name', or an object that can be called"
         raise ValueError(f"{argument} must be {allowed}, got {given!r}{did_you_mean(given, own)}")
     return given
 

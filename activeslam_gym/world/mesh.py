@@ -43,6 +43,8 @@ class MeshFactory:
 
     def fitted(self, scenario: Scenario) -> Scenario:
         """The scenario with the room of the mesh, and a start where there is space."""
+        if any(name == "room_size" for name, *_ in scenario.varied):
+            raise ValueError(f"scenario.varied of a mesh must leave out room_size, got {scenario.varied!r}")
         size = tuple((np.ceil(2e3 * self(scenario, None).bounds[1] - 0.01) / 1e3).tolist())  # whole millimetres
         for name, own, free in ("room_size", size, Scenario().room_size), ("start", ANYWHERE, CENTRE):
             if (given := getattr(scenario, name)) not in (own, free):

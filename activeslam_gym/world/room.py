@@ -48,7 +48,8 @@ def scene_factory(scene: Any) -> Any:
         except ImportError as error:
             raise ImportError(f"scenario.scene {scene!r} needs the extra mesh: pip install trimesh embreex") from error
         return MeshFactory(**fields)
-    return part_of("scenario.scene", scene, SCENES)
+    fields = "{'path': FILE, 'up': 'z', 'unit': 0.001}"
+    return part_of("scenario.scene", scene, SCENES, f"the file of a mesh (*{', *'.join(_MESHES)})", fields)
 
 
 def draw_scene(scenario: Scenario, rng: np.random.Generator) -> Scene:

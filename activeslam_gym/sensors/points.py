@@ -27,20 +27,12 @@ class PointSensor:
         """(B, 2, 3) those that are known to hide landmarks [m]."""
         self._key, self._scenario = seed.generate_state(2), scenario
         if scenario.sensor != POINTS:  # whose detections are simulated, where an estimator is foreign
-            self._demand_plain()
-
-    def _demand_plain(self) -> None:
-        for name, absent in (("clutter_rate", 0.0), ("true_focal_px", None), ("true_distortion", None)):
-            if (given := getattr(self._scenario, name)) != absent:
-                raise ValueError(f"scenario.{name} must be {absent}, got {given}: a sensor of one's own has none")
+            for name, absent in (("clutter_rate", 0.0), ("true_focal_px", None), ("true_distortion", None)):
+                if (given := getattr(scenario, name)) != absent:
+                    raise ValueError(f"scenario.{name} must be {absent}, got {given}: a sensor of one's own has none")
 
     def measure(self, truth: Truth, time: float) -> Detections:
-        """Measure what is visible, and hidden by nothing; the draws of a point are its own.
-
-        Raises:
-            ValueError: as the class.
-        """
-        self._demand_plain()
+        """Measure what is visible, and hidden by nothing; the draws of a point are its own."""
         camera, points = truth.camera, np.vstack((truth.fiducials, truth.landmarks))
         rng = np.random.default_rng((*self._key, round(1e6 * time)))
         noise = rng.standard_normal((len(points), len(self.noise))) @ np.linalg.cholesky(self.noise).T

@@ -41,8 +41,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 130
     except ModuleNotFoundError as error:
-        hint = "make demo installs all into .venv, or: pip install --editable '.[compare]'"
-        return _mistake(name, f"{sys.executable} lacks {error.name}; {hint}" if name == PROGRAM else str(error))
+        ours = error.name in ("stable_baselines3", "tensorboard", "torch")  # not a module of a user's own
+        hint = f"make demo installs all into .venv, or: pip install --editable '.[{'agents' if ours else 'compare'}]'"
+        return _mistake(name, f"{sys.executable} lacks {error.name}; {hint}" if ours or name == PROGRAM else str(error))
     except ImportError as error:
         return _mistake(name, str(error))
     except (ValueError, OSError, MemoryError, gymnasium.error.Error) as error:

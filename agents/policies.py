@@ -38,8 +38,10 @@ def load(name: str | PathLike[str], env: Environment, seed: int | Sequence[int] 
     if (path := file_of(name)) and path.suffix == ".zip":
         return Held(_saved_model(path, env), env, period_of(name))
     if path:
-        from agents.learn.policy import LearnedPolicy
-
+        try:
+            from agents.learn.policy import LearnedPolicy
+        except ModuleNotFoundError as error:
+            raise ImportError(f"policy {name!r} needs {error.name}: pip install --editable '.[agents]'") from error
         return LearnedPolicy(env, *weights.read(str(path)))
     return baselines.make(name, env, **({"seed": seed} if name == "random" else {}))
 

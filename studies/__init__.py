@@ -97,13 +97,14 @@ P = TypeVar("P", bound=Command)
 
 def run(args: type[P], main: Callable[[P], None], arguments: Sequence[str] | None = None) -> None:
     """Read the command line and run a study; a mistake is reported in a line, with the exit status 2; Ctrl-C is 130."""
-    import tyro
-
     name = f"python -m {args.command()}"
     try:
+        import tyro
+
         main(tyro.cli(args, prog=name, args=arguments))
     except KeyboardInterrupt:
         sys.exit(130)
     except (ValueError, OSError, ImportError) as error:
-        print(f"{name}: {error}", file=sys.stderr)
+        hint = "; pip install --editable '.[compare]'" if getattr(error, "name", None) == "tyro" else ""
+        print(f"{name}: {error}{hint}", file=sys.stderr)
         sys.exit(2)

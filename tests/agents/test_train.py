@@ -7,6 +7,7 @@ import json
 import pickle
 import shlex
 import shutil
+import sys
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -48,6 +49,14 @@ def acts(env: gym.Env, weights: Path) -> np.ndarray:
     action, _ = agents.load(str(weights), env).predict(env.reset(seed=0)[0])
     assert env.action_space.contains(action)
     return action
+
+
+def test_a_policy_without_torch_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It said: No module named 'torch'."""
+    monkeypatch.delitem(sys.modules, "agents.learn.policy", raising=False)
+    monkeypatch.setitem(sys.modules, "torch", None)
+    with pytest.raises(ImportError, match=r"policy 'ppo' needs torch: .*\[agents\]"):
+        agents.load("ppo", gym.make("ActiveSLAM-v0"))
 
 
 def test_weights_are_exported_for_stable_baselines(tmp_path: Path, capsys: Any) -> None:

@@ -140,7 +140,8 @@ class Scores(Runs):
     def forecast(self, plans: np.ndarray) -> Forecast:
         """(A,) net information [bit] of each of ``plans`` (A, L), and its greatest position deviation [m].
 
-        With measurements on the way; raises as `scores`.
+        With measurements on the way; raises as `scores`. The deviation of a foreign sensor is that of the joint
+        covariance; with the package's own sensors, errors of features count as independent noise (`net_of_plans`).
         """
         return Forecast(*map(self._given, self._evaluated(candidates.checked_plans(plans), "net_information")))
 

@@ -61,6 +61,10 @@ def _is_moderate(value: Any) -> bool:
     return value is None or value == 0 or 1e-12 <= abs(value) <= 1e12
 
 
+def _is_scene(value: Any) -> bool:
+    return isinstance(value, str) or callable(value) or (isinstance(value, dict) and "path" in value)
+
+
 _WHOLE = _number("a whole number", lambda x: isinstance(x, int))
 _POSITIVE = _number("a positive number", lambda x: x > 0)
 _NOT_NEGATIVE = _number("zero or a positive number", lambda x: x >= 0)
@@ -98,10 +102,8 @@ CountRange = Annotated[tuple[int, int], _COUNTS]
 Boxes = Annotated[tuple[tuple[tuple[float, float, float], tuple[float, float, float]], ...], _BOXES, _MODERATE]
 Switch = Annotated[bool, Bound("True or False", lambda value: isinstance(value, bool))]
 String = Annotated[str, Bound("a string", lambda value: isinstance(value, str))]
-SceneOrMesh = Annotated[
-    Any, Bound("a name, a mesh, or an object that can be called", lambda x: isinstance(x, (str, dict)) or callable(x))
-]
 Part = Annotated[Any, Bound("a name, or an object that can be called", lambda x: isinstance(x, str) or callable(x))]
+SceneOrMesh = Annotated[Any, Bound("a name, a mesh, or an object that can be called", _is_scene)]
 
 
 class Settings:

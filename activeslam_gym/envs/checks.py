@@ -129,8 +129,7 @@ def check_estimator(estimator: Any, scenario: Given = "paper", seed: int = 0) ->
 
     Raises:
         ValueError: it fails, answers in another form, or breaks a law: it begins with the prior; covariances are
-            positive definite; a landmark keeps its id; squared errors of position, orientation and landmarks are not
-            over `OVERCONFIDENT` times what it believes, in the median.
+            positive definite; a landmark keeps its id; errors are not over `OVERCONFIDENT` times what it believes.
     """
     of = scenario_with(scenario, estimator=estimator)
     what = f"the estimator {name_of(of.estimator)!r}"
@@ -146,8 +145,7 @@ def check_estimator(estimator: Any, scenario: Given = "paper", seed: int = 0) ->
         _demand(_positive(belief.covariance), what, f"has a covariance that is not positive definite at {env.time:g} s")
         nees.append(env.nees())
     for part in ("position", "orientation", "landmarks"):
-        values = [one[part] for one in nees if not np.isnan(one[part])]  # there may be no landmarks
-        usual = float(np.median(values)) if values else 0.0
+        usual = float(np.median([one[part] for one in nees if not np.isnan(one[part])] or [0.0]))  # without landmarks
         breach = f"is overconfident, or wrong: squared errors of {part} are {usual:.0f} times what it believes"
         _demand(usual <= OVERCONFIDENT, what, breach)
 

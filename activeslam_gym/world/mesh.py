@@ -36,10 +36,9 @@ class MeshFactory:
     unit: float = 1.0
 
     def __post_init__(self) -> None:
-        if not isinstance(plain(self.path), str) or self.up not in tuple(_UP):
-            raise ValueError(f"path must be the file of a mesh, and up y or z, got {self}")
-        if not is_number(plain(self.unit)) or self.unit <= 0.0:
-            raise ValueError(f"unit must be a positive number of metres, got {self}")
+        sound = isinstance(plain(self.path), str) and self.up in tuple(_UP) and is_number(plain(self.unit))
+        if not sound or self.unit <= 0.0:
+            raise ValueError(f"path must be a mesh's file, up y or z, and unit a positive number of metres, got {self}")
 
     def fitted(self, scenario: Scenario) -> Scenario:
         """The scenario with the room of the mesh, and a start where there is space."""

@@ -23,7 +23,6 @@ _START_MARGIN = 0.45  # between a start and whatever stops the camera [m]
 _TRIES = 1000
 _CROWDED_TRIES = 50  # of these so many, at most, with too little space for the landmarks
 _MESHES = ".glb", ".gltf", ".obj", ".off", ".ply", ".stl"  # endings of files that are meshes
-_MESH_FIELDS = {"path", "up", "unit"}  # of a `MeshFactory`
 _BATCHES = 60  # so often landmarks are drawn, until enough are apart
 
 
@@ -42,14 +41,13 @@ class Room(NamedTuple):
 def scene_factory(scene: Any) -> Any:
     """What makes the scenes of that name or object; of a mesh, by its file or the fields of a `world.mesh` factory."""
     fields = {"path": scene} if isinstance(scene, str) and scene.lower().endswith(_MESHES) else scene
-    if isinstance(fields, dict) and {"path"} <= fields.keys() <= _MESH_FIELDS:
+    if isinstance(fields, dict) and {"path"} <= fields.keys() <= {"path", "up", "unit"}:
         try:
             from activeslam_gym.world.mesh import MeshFactory
         except ImportError as error:
             raise ImportError(f"scenario.scene {scene!r} needs the extra mesh: pip install trimesh embreex") from error
         return MeshFactory(**fields)
-    fields = "{'path': FILE, 'up': 'z', 'unit': 0.001}"
-    return part_of("scenario.scene", scene, SCENES, f"the file of a mesh (*{', *'.join(_MESHES)})", fields)
+    return part_of("scenario.scene", scene, SCENES, f"a mesh (*{', *'.join(_MESHES)}, or a dict of path, up, unit)")
 
 
 def draw_scene(scenario: Scenario, rng: np.random.Generator) -> Scene:

@@ -62,15 +62,16 @@ DRIFTED = (
     "a narrow lens, a quick motion, a cut, or a map that was lost"
 )
 CONTRADICTED = (
-    "the map contradicts the images from {:.2f} s on, and poses may be wrong from some time before: something moved "
-    "before the camera, the picture was changed (a cut, zoom, interlacing, letters in it), the hand was too quick, or "
-    "it was too dark"
+    "the map contradicts the images from {:.2f} s on, or the turn is not known to 10 degrees, and poses may be wrong "
+    "from some time before: something moved before the camera, the picture was changed (a cut, zoom, interlacing, "
+    "letters in it), the hand was too quick, or it was too dark"
 )
 REPLACED = "the map was replaced {} times, where the target contradicted it: poses before may be wrong"
 """The words for a track whose motion the images do not tell, and for one that they contradict."""
 Item = TypeVar("Item")
 _CORNER_STD = 0.35  # of the target's corners in the first image: aliasing and the lens [px]
 _SPEED_STD, _TURN_STD = 0.05, 0.05  # of the first velocity [m/s] and angular velocity [rad/s]: a hand at rest
+_KNOWN = np.radians(10.0)  # deviation of the turn, from which a tracked pose is uncertain; at the start it has 3 to 6
 _SURELY = 3.0  # deviations of its position by which a camera has moved for sure
 _BEHIND = np.array((0.0, 0.0, -1.0))  # the target's normal, away from the camera
 
@@ -196,8 +197,13 @@ def follow(
         first, began = next(source), thread_time()
         front_end = start(first[1], calibration, target, scenario, settings, first[0])
         agreement = Agreement()
-        later = ((frame, agreement.judged(front_end.step(frame[1], frame[0]))) for frame in source)
-        steps = chain([(first, front_end.first_log(1e3 * (thread_time() - began)))], later)
+
+        def judged(frame: Frame) -> tuple[Frame, FrameLog]:
+            log = agreement.judged(front_end.step(frame[1], frame[0]))
+            known = log.lost or np.trace(front_end.filter.camera_covariance[3:6, 3:6]) < _KNOWN**2
+            return frame, log._replace(start_certain=bool(log.start_certain and known))
+
+        steps = chain([(first, front_end.first_log(1e3 * (thread_time() - began)))], map(judged, source))
     filter, trouble, rows = front_end.filter, None, list[tuple[float, np.ndarray, np.ndarray, FrameLog]]()
     try:
         for frame, log in steps:

@@ -111,7 +111,8 @@ def _side(image: np.ndarray, camera: Record, start: np.ndarray, end: np.ndarray)
             rays.append(ray_from_pixel(camera, middle + shift * across))
     if len(rays) < 8:
         raise ValueError(
-            f"no edge of the target between the pixels {start.round(1).tolist()} and {end.round(1).tolist()}"
+            f"no edge of the target, which the first image must show, between the pixels {start.round(1).tolist()} and "
+            f"{end.round(1).tolist()}"
         )
     return _line_through(np.array(rays))
 

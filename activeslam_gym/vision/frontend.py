@@ -70,8 +70,8 @@ class FrontEnd:
         self._prior = filter.expected_inverse_depth
         self._template_map = TemplateMap(self.camera, self.settings, filter.capacity + len(filter.fiducials))
         self._frame, self._time = 0, 0.0
-        self.repeated = 0
-        """Images so far that repeat the one before."""
+        self.repeated = self.displaced = 0
+        """Images so far that repeat the one before; features that made room for new ones in a full map."""
         self.candidates = np.zeros(0, DETECTION)
         """(M,) those of the last image with the filter's answer, in its pixels; new features at the end."""
         self.searched = NOTHING
@@ -388,6 +388,7 @@ class FrontEnd:
                 if oldest is None or in_view + count >= s.least_visible:
                     break
                 self._forget(oldest)
+                self.displaced += 1
             ahead = point_at(camera, mean, pixel, self.filter.expected_inverse_depth[0])
             id = self.filter.add_landmark(pixel - delayed(camera, mean, ahead, pixel[None], s.readout)[0])
             if id > 0:

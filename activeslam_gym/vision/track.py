@@ -87,6 +87,7 @@ class Track(NamedTuple):
     filter: Filter  # as it was after the last image
     trouble: str | None  # why it ended early, or None
     repeated: int = 0  # images that repeat the one before, and have its pose
+    displaced: int = 0  # features that made room for others in a full map
 
     @property
     def start_certain(self) -> bool:
@@ -216,7 +217,7 @@ def follow(
     times, cameras, covariances, logs = zip(*rows)
     lost = np.array([log.lost for log in logs])
     stacked = np.array(times), np.array(cameras), np.array(covariances)
-    return Track(*stacked, [*logs[1:]], lost, filter, trouble, front_end.repeated)
+    return Track(*stacked, [*logs[1:]], lost, filter, trouble, front_end.repeated, front_end.displaced)
 
 
 def track(args: Namespace) -> tuple[Track, str]:
@@ -320,5 +321,7 @@ def summary(done: Track) -> str:
         line += f"; found again {again} times"
     if done.repeated:
         line += f"; {done.repeated} repeat the image before and have its pose"
+    if done.displaced > done.filter.capacity:
+        line += f"; {done.displaced} features made room for others: with more --features, places seen before are known"
     free = [] if done.metric else [FREE, *([TURNED] if done.at_rest else [])]
     return "; ".join([line, *free, *filter(None, [done.doubt])])

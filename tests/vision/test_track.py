@@ -297,3 +297,11 @@ def test_a_rolling_shutter_is_corrected_by_its_readout_time() -> None:
         found = Rotation.from_quat(np.roll(done.cameras[:, 3:7], -1, axis=1))
         errors.append(((found[0].inv() * found).inv() * (truth[0].inv() * truth)).magnitude().max())
     assert errors[1] < np.radians(0.6) and errors[0] > 3.0 * errors[1], np.degrees(errors)
+
+
+def test_a_full_map_says_how_many_features_made_room(sequence) -> None:
+    frames = [(k / 30.0, image_from(pose, target=True, samples=2)) for k, pose in enumerate(path(25))]
+    done = follow(frames, LENS, read_target(sequence / "target.json"), 30.0)
+    assert done.displaced == 0 and "made room" not in summary(done)
+    full = done._replace(displaced=done.filter.capacity + 1)
+    assert f"{full.displaced} features made room for others: with more --features" in summary(full)

@@ -76,7 +76,7 @@ class FrontEnd:
         """(M,) those of the last image with the filter's answer, in its pixels; new features at the end."""
         self.searched = NOTHING
         """The searches of the last image, in its pixels; none before the second image."""
-        self._image = np.zeros((int(self.camera.height), int(self.camera.width)), np.uint8)  # of that size, the last
+        self._image = np.zeros((int(self.camera.height), int(self.camera.width)), np.uint8)  # the last, reduced
         self._grey = self._image.astype(np.float32)
         self._last_view: np.ndarray | None = None  # pose (7,) from which the map was seen last
         self._photograph: Photograph | None = None  # of which that is a part

@@ -241,7 +241,8 @@ def track(args: Namespace) -> tuple[Track, str]:
         if args.times is not None:
             read_times(args.times)
     with argument("images", SourceError):
-        source = images_of(args.images, args.rate, args.times, lens[:2])
+        turned = None if args.readout else lens[:2]  # rows of a turned picture are no rows of the sensor
+        source = images_of(args.images, args.rate, args.times, turned)
     with argument("readout"):
         if not abs(args.readout) < 1.0 / source.rate:
             raise ValueError(f"must be less than the {1.0 / source.rate:.3f} s between images, got {args.readout:g}")

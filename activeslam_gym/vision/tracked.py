@@ -13,7 +13,7 @@ from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.settings import FrontEndSettings
 from activeslam_gym.vision.target import FACING
 from activeslam_gym.vision.templates import TEMPLATE_SIDE
-from activeslam_gym.vision.views import reduced
+from activeslam_gym.vision.views import reduced, row_times
 
 TRACKS, FEWEST = 60, 12  # corners that are tracked, and with how few the camera is lost
 _JOINED = 0.7  # share of the corners that joins two images: right starts keep 0.78, and 276 cuts left at most 0.68
@@ -79,10 +79,10 @@ class Corners:
         fewest, R = max(FEWEST, _JOINED * self.live.sum()), last.R_WC if last else rotation_matrix(FACING)
         if last:
             self.pixels = self._tracked(self._image, image)
-            velocity = (self.pixels - before) / (time - last.time)
-            self._delay = self._delays(self.pixels, velocity)
+            velocity, height = (self.pixels - before) / (time - last.time), image.shape[0]
+            self._delay = row_times(self.pixels, height, self._readout) * velocity
             if self._readout and len(self.seen) == 1:  # now that the first velocities are known
-                bearing, std = self._rays(before - self._delays(before, np.nan_to_num(velocity)))
+                bearing, std = self._rays(before - row_times(before, height, self._readout) * np.nan_to_num(velocity))
                 self._d, self.seen[0] = bearing @ R.T, last._replace(bearing=bearing, std=std)
             self._velocity = np.median(velocity[self.live], axis=0) if self.live.any() else np.zeros(2)
         self._image, enough = image, joined and bool(self.live.sum() >= fewest)
@@ -112,7 +112,7 @@ class Corners:
         new = new[both.min(axis=1) > _ROUND * both.max(axis=1)]
         self.pixels, self._first = np.vstack((self.pixels, new)), np.vstack((self._first, new))
         self.initialised = len(new)
-        delay = self._delays(new, np.broadcast_to(self._velocity, new.shape))
+        delay = row_times(new, image.shape[0], self._readout) * self._velocity
         self._delay = np.vstack((self._delay, delay))
         self._d = np.vstack((self._d, self._rays(new - delay)[0] @ R.T))
         self._born = np.append(self._born, np.full(len(new), len(self.seen)))
@@ -133,11 +133,6 @@ class Corners:
             good = inside & (found & again).ravel().astype(bool) & (np.abs(back - start).max(axis=(1, 2)) < _CLOSED)
             out[here[good]] = pixel[good]
         return out
-
-    def _delays(self, pixels: np.ndarray, velocities: np.ndarray) -> np.ndarray:
-        """(n, 2) how far corners at ``pixels`` (n, 2), with ``velocities`` (n, 2) [px/s], move from the time of the
-        middle row to that of their own, see `views.delayed`."""
-        return self._readout * ((pixels[:, 1:] + 0.5) / self._image.shape[0] - 0.5) * velocities
 
     def _rays(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(n, 3) bearings and (n,) their deviations: the root of the solid angle of a pixel, times `PIXEL_STD`."""

@@ -69,7 +69,7 @@ def projected(camera: Record, pose: np.ndarray, points: np.ndarray) -> np.ndarra
 
 @compiled
 def pixels_and_jacobian(camera: Record, pose: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same, and the Jacobian (2 n, 6) by position and rotation (world frame)."""
+    """(n, 2) as of `pixels_of`, and their Jacobian (2 n, 6) by position and rotation (world frame)."""
     view, out = View(camera, pose, rotation_matrix(pose[QUATERNION])), np.full((points.shape[0], 2), np.nan)
     J, H_y = np.zeros((2 * points.shape[0], 6)), np.empty((2, 3))
     for k in range(points.shape[0]):
@@ -102,7 +102,12 @@ def delayed(camera: Record, mean: np.ndarray, points: np.ndarray, pixels: np.nda
     that of their own, where a rolling shutter reads one row after the other within ``readout`` [s]."""
     if readout == 0.0:
         return np.zeros_like(pixels)
-    return readout * ((pixels[:, 1:] + 0.5) / float(camera.height) - 0.5) * velocities(camera, mean, points)
+    return row_times(pixels, float(camera.height), readout) * velocities(camera, mean, points)
+
+
+def row_times(pixels: np.ndarray, height: float, readout: float) -> np.ndarray:
+    """(n, 1) when the rows of ``pixels`` (n, 2) are read, after the middle one [s], of the ``height`` of an image."""
+    return readout * ((pixels[:, 1:] + 0.5) / height - 0.5)
 
 
 def point_at(camera: Record, mean: np.ndarray, pixel: np.ndarray, inverse_depth: float) -> np.ndarray:

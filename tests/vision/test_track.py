@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from scipy.spatial.transform import Rotation
 
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
@@ -305,3 +306,15 @@ def test_a_full_map_says_how_many_features_made_room(sequence) -> None:
     assert done.displaced == 0 and "made room" not in summary(done)
     full = done._replace(displaced=done.filter.capacity + 1)
     assert f"{full.displaced} features made room for others: with more --features" in summary(full)
+
+
+def test_rows_of_a_turned_picture_have_no_readout_time(sequence, tmp_path, capsys) -> None:
+    (upright := tmp_path / "upright").mkdir()
+    for k in range(2):
+        tag = Image.Exif()
+        tag[0x0112] = 6  # shown turned to the right
+        stored = np.rot90(image_from(path(2)[k], target=True, samples=2))
+        Image.fromarray(stored).save(upright / f"{k}.png", exif=tag)
+    assert main(command(sequence, tmp_path / "out", upright)) == 0
+    assert main(command(sequence, tmp_path / "out", upright, "--readout=0.01")) == 2
+    assert "got 240 x 320" in capsys.readouterr().err

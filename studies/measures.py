@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from activeslam_gym import Motion
-from activeslam_gym.evaluation import TARGET, Episode
+from activeslam_gym.evaluation.episode import TARGET, Episode
 from activeslam_gym.metrics import LoopClosures
 
 LATERAL = (Motion.RIGHT, Motion.LEFT, Motion.UP, Motion.DOWN)  # perpendicular to the optical axis

@@ -14,7 +14,7 @@ from scipy.stats import multivariate_normal, norm
 
 import baselines
 from activeslam_gym import SCENARIOS, Motion, Scenario
-from activeslam_gym.evaluation import TARGET, run_episode
+from activeslam_gym.evaluation import run_episode
 from activeslam_gym.information.candidates import OPEN_LOOP, motion_plans, score_plans
 from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.metrics import CLOSURE_GAP, LoopClosures
@@ -170,8 +170,8 @@ def test_a_verdict_needs_the_whole_interval_of_enough_episodes_on_one_side() -> 
 
 
 def test_numbers_of_made_up_episodes() -> None:
-    late = episode(lost=True, landmark_times=np.arange(TARGET) + 1.0)
-    np.testing.assert_array_equal(measures.at_target([late, episode()], "landmark_times", 2.0), [TARGET, 2.0])
+    late = episode(lost=True, landmark_times=np.arange(measures.TARGET) + 1.0)
+    np.testing.assert_array_equal(measures.at_target([late, episode()], "landmark_times", 2.0), [measures.TARGET, 2.0])
     np.testing.assert_array_equal(measures.unless_lost([late, episode()], lambda one: 3.0), [np.nan, 3.0])
     actions = np.array([[motion, 0] for motion in (Motion.STAY, Motion.UP, Motion.UP, Motion.FORWARD)])
     events = {"initialised": np.array([1, 0, 0, 0])}

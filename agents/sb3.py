@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Literal
 
+import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
@@ -14,21 +15,13 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
-from activeslam_gym import (
-    ActiveSLAMContinuousVectorEnv,
-    ActiveSLAMDiscreteVectorEnv,
-    ActiveSLAMVectorEnv,
-    observation_layout,
-)
+from activeslam_gym import ActiveSLAMVectorEnv, observation_layout
 from activeslam_gym.envs.info import info_at
 from agents.learn.inputs import Inputs, common_size
 
 Actions = Literal["pairs", "indices", "points"]
-BATCHES: dict[Actions, type[ActiveSLAMVectorEnv]] = {
-    "pairs": ActiveSLAMVectorEnv,
-    "indices": ActiveSLAMDiscreteVectorEnv,
-    "points": ActiveSLAMContinuousVectorEnv,
-}
+BATCHES = {"pairs": "ActiveSLAM-v0", "indices": "ActiveSLAMDiscrete-v0", "points": "ActiveSLAMContinuous-v0"}
+"""Ids of the environments with these actions."""
 
 
 class ActiveSLAMVecEnv(VecEnv):
@@ -54,7 +47,7 @@ class ActiveSLAMVecEnv(VecEnv):
     def __init__(self, num_envs: int, actions: Actions = "pairs", **kwargs: Any) -> None:
         if actions not in BATCHES:
             raise ValueError(f"actions: {actions!r}; allowed: {', '.join(BATCHES)}")
-        self.env = BATCHES[actions](num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **kwargs)
+        self.env: Any = gym.make_vec(BATCHES[actions], num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **kwargs)
         self._actions: np.ndarray | None = None
         super().__init__(num_envs, self.env.single_observation_space, self.env.single_action_space)
         self.metadata["render_fps"] = self.env.metadata["render_fps"]

@@ -20,14 +20,13 @@ import torch
 
 from activeslam_gym import Gaze, Motion, ObservationLayout
 from activeslam_gym.config import TRAINING_SEED
-from agents.learn.best_weights import results
 from agents.learn.learner import initial_weights, make_training
 from agents.learn.policy import network_of
 from agents.learn.recipe import WEIGHTS, Recipe
-from agents.learn.weights import card_of, read, read_card, save
+from agents.learn.weights import card_of, read, save
 from agents.sb3 import SeveralScenarios
 from agents.tools.arguments import command_line, within
-from agents.tools.files import writable_folder, write_json
+from agents.tools.files import writable_folder
 from studies import Command, run
 
 WEIGHTS_OF_ADVANTAGES = {
@@ -150,14 +149,12 @@ class Args(Command):
     """Learning rate of Adam; it falls to zero in the last updates."""
     seed: int = 0
     """Seed of the episodes and of the student."""
-    test_episodes: int = 0
-    """Episodes of each scenario for the results on the card; 0 for none."""
     out: Path = Path("results/imitation")
     """Folder of the weights."""
 
     def __post_init__(self) -> None:
         """Raises ValueError for a number outside its bounds."""
-        within(self, test_episodes=(0, 10**6), seed=(0, 2**31 - 1))
+        within(self, seed=(0, 2**31 - 1))
 
 
 def main(args: Args) -> None:
@@ -178,11 +175,7 @@ def main(args: Args) -> None:
     card = card_of(asdict(recipe), decisions, seconds, False) | {"command": command_line(args.command(), args)}
     card |= {"actors": args.actors, "critics": args.critics, "chosen": "the last weights", "method": METHOD}
     card |= {"steps_trained": decisions, "seconds_trained": seconds}
-    path = args.out / WEIGHTS
-    save(path, {name: value.numpy() for name, value in student.network.state_dict().items()}, card)
-    if args.test_episodes:
-        found = {name: results(path, args.test_episodes, recipe, name, ())[0] for name in recipe.scenarios}
-        write_json(path.with_suffix(".json"), read_card(path) | {"results": found})
+    save(args.out / WEIGHTS, {name: value.numpy() for name, value in student.network.state_dict().items()}, card)
     print(f"Written to {args.out}/: {WEIGHTS} and its card")
 
 

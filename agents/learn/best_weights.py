@@ -22,7 +22,7 @@ from agents import task
 from agents.learn.learner import dimensions, save_learner, weights_of
 from agents.learn.recipe import CHECKPOINT, CURVE, WEIGHTS, Args, Recipe, trained_scenario
 from agents.learn.weights import FLOOR, card_of, read_card, save
-from agents.summary import Summary, interquartile_mean, summarise, text
+from agents.summary import interquartile_mean, summarise, text
 from agents.tools.arguments import scenario_argument
 from agents.tools.files import reading, write_json
 
@@ -93,8 +93,13 @@ class BestWeights(BaseCallback):
         found = {}
         for name in scenarios:
             print(f"{name}: now {self.args.test_episodes} test episodes of the kept weights{beside}:", flush=True)
-            found[name], summary = results(self.weights, self.args.test_episodes, self.args, name, references)
+            tasks = _test(self.args, name, (str(self.weights), *references), self.args.test_episodes)
+            summary = summarise([episode for _, episode in task.results(tasks, Store())])
             print(f"\n{text(summary)}\n")
+            figures = {who: {key: asdict(row[key]) for key in COLUMNS} for who, row in summary.policies.items()}
+            own = figures.pop(str(self.weights))
+            played = {"first_seed": tasks[0].seed, "episodes": own["bits"]["episodes"]}
+            found[name] = {**played, **own, "references": figures}
         card["results"] = found if len(scenarios) > 1 else found[scenarios[0]]
         write_json(self.weights.with_suffix(".json"), card)
 
@@ -213,14 +218,3 @@ def _test(recipe: Recipe, scenario: str, policies: Sequence[str], episodes: int)
         given["gaze_period"] = recipe.decision_period
     settings, first = json.dumps(given), benchmark_seed(scenario, validation=True) + 250_000
     return [task.Task(policy, seed, settings) for policy in policies for seed in range(first, first + episodes)]
-
-
-def results(
-    weights: Path, episodes: int, recipe: Recipe, scenario: str, references: tuple[str, ...] = REFERENCES
-) -> tuple[dict[str, Any], Summary]:
-    """Figures of the weights and of references in the same test episodes, with their intervals, and the summary."""
-    tasks = _test(recipe, scenario, (str(weights), *references), episodes)
-    summary = summarise([episode for _, episode in task.results(tasks, Store())])
-    figures = {name: {column: asdict(one[column]) for column in COLUMNS} for name, one in summary.policies.items()}
-    own = figures.pop(str(weights))
-    return {"first_seed": tasks[0].seed, "episodes": own["bits"]["episodes"], **own, "references": figures}, summary

@@ -27,7 +27,6 @@ from activeslam_gym.vision.lens_files import Lens
 from activeslam_gym.vision.other_lenses import Remap, fitted
 from activeslam_gym.vision.room.camera import RoomCamera
 from activeslam_gym.vision.room.scene import TARGET_SIZE
-from activeslam_gym.vision.settings import FEATURES
 from activeslam_gym.vision.sources import Frame
 from activeslam_gym.vision.target import Rectangle
 from activeslam_gym.vision.track import follow
@@ -105,8 +104,8 @@ def rays_of(lens: Lens) -> np.ndarray:
     return -rays.reshape(height, width, 2)
 
 
-def flown(cameras: np.ndarray, lens: Lens | None, seed: int, features: int = FEATURES) -> Flown | None:
-    """The excerpt through a lens and a room of ``seed``, with a map of so many ``features``; None: no room has it."""
+def flown(cameras: np.ndarray, lens: Lens | None, seed: int) -> Flown | None:
+    """The excerpt through a lens and a room of ``seed``; None: no room has it."""
     calibration, straighten, rays = OURS, None, None
     if lens is not None:
         calibration, rays = fitted(lens, "the study")[0], rays_of(lens)
@@ -124,7 +123,7 @@ def flown(cameras: np.ndarray, lens: Lens | None, seed: int, features: int = FEA
     corners = projected(calibration.camera, true[0], target.fiducials)
     images: Iterator[Frame] = ((k / RATE, room.photograph(camera, k)) for k, camera in enumerate(cameras))
     images, target = map(straighten, images) if straighten else images, target._replace(corners_px=corners)
-    done = follow(images, calibration, target, RATE, features=features)
+    done = follow(images, calibration, target, RATE)
     errors = [camera_error(a, b) for a, b in zip(true, done.cameras)]
     ratios = [[nees(e[p], P[p, p]) / 3.0 for p in (slice(0, 3), slice(3, 6))] for e, P in zip(errors, done.covariances)]
     length = np.linalg.norm(np.diff(true[:, :3], axis=0), axis=1).sum()
@@ -149,8 +148,6 @@ class Args(Page):
     """Most excerpts of each file."""
     seed: int = config.TRAINING_SEED
     """Seed of the rooms."""
-    features: int = FEATURES
-    """Features of the map."""
 
 
 def main(args: Args) -> None:
@@ -160,7 +157,7 @@ def main(args: Args) -> None:
         runs = []
         for path in args.paths:
             paths = enumerate(excerpts(path, args.seconds))
-            tried = (flown(cameras, lens, args.seed + k, args.features) for k, cameras in paths)
+            tried = (flown(cameras, lens, args.seed + k) for k, cameras in paths)
             runs += list(islice(filter(None, tried), args.excerpts))
         print(name, *runs, sep="\n", flush=True)
         if not runs:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from activeslam_gym.evaluation import Episode, Store, row_of
 from activeslam_gym.evaluation.code import LIBRARIES, package_versions
-from agents.figures import FIGURES, draw_all
-from agents.summary import Summary, headline, markdown, summarise, text
+from agents.figures import FIGURES, save_figure
+from agents.summary import Summary, grouped, headline, markdown, summarise, text
 from agents.task import Task, check, collect, file_name
 from agents.tools.arguments import SEEDS, Pages, Times, Workers, command_line, given, within
 from agents.tools.files import alone_in, writable_folder, write_csv, write_json, write_text
@@ -130,8 +130,8 @@ def _written(episodes: list[Episode], args: Args) -> Summary:
     publish(args.report, "compare", markdown(summary), command_line("agents compare", args))
     for page in args.report:
         put_section(page, "headline", headline(summary))
-    for name in FIGURES:
-        (args.out / name).unlink(missing_ok=True)  # those of an earlier comparison
-    if args.draws:
-        draw_all(episodes, args.out)
+    for name, draw in FIGURES.items():
+        (args.out / name).unlink(missing_ok=True)  # that of an earlier comparison
+        if args.draws:
+            save_figure(draw(grouped(episodes)), args.out / name)
     return summary

@@ -17,7 +17,7 @@ from activeslam_gym.evaluation import Episode, row_of
 from activeslam_gym.evaluation.episode import nearest
 from activeslam_gym.files import written_whole
 from activeslam_gym.rendering.scene import FIDUCIAL, ellipses
-from agents.summary import aggregate, grouped
+from agents.summary import aggregate
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,15 +34,6 @@ Runs = Mapping[str, Sequence[Episode]]  # policy → its episodes by seed
 Curves = tuple[np.ndarray, np.ndarray]  # times (G,), and values (curves, G)
 
 
-FIGURES = ("entropies.png", "errors.png", "maps.png", "scores.png")
-
-
-def draw_all(episodes: Sequence[Episode], folder: Path) -> list[Path]:
-    """Draw the `FIGURES` into `folder` and return the paths. Raises ImportError where matplotlib is missing."""
-    by_policy, figures = grouped(episodes), (entropies, errors, maps, scores)
-    return [save_figure(draw(by_policy), folder / name) for name, draw in zip(FIGURES, figures)]
-
-
 def scores(by_policy: Runs) -> Figure:
     """The log score gained in each episode, the best policy on top, with the median and its 95 % interval."""
     gains = {name: np.array([run.gain for run in runs]) for name, runs in by_policy.items()}
@@ -50,7 +41,7 @@ def scores(by_policy: Runs) -> Figure:
     order = sorted(medians, key=lambda name: np.nan_to_num(medians[name].value, nan=-np.inf))
     high = 1.05 * max(1.0, *(np.nanmax(values, initial=1.0) for values in gains.values()))
     low = -0.15 * high
-    figure, (axes,) = _panels(1, (7.5, 1.2 + 0.32 * len(order)))
+    figure, (axes,) = several_panels(1, (7.5, 1.2 + 0.32 * len(order)))
     for row, name in enumerate(order):
         lost = np.array([run.lost for run in by_policy[name]])
         shown = np.fmax(gains[name], 0.97 * low)
@@ -67,7 +58,7 @@ def scores(by_policy: Runs) -> Figure:
 
 def entropies(by_policy: Runs) -> Figure:
     """Fig. 2 d–f: log₂|P| over time, the first episode with a mark at each new landmark, mean and band over all."""
-    figure, panels = _panels(len(by_policy), sharex=True, sharey=True)
+    figure, panels = several_panels(len(by_policy), sharex=True, sharey=True)
     for axes, (name, runs) in zip(panels, by_policy.items()):
         entropy_panel(axes, runs[0], {part: over_rooms(runs, f"log2_det_{part}") for part in PARTS})
         axes.set(xlabel="time, s", ylabel="log₂|P|")
@@ -109,7 +100,7 @@ def errors(by_policy: Runs) -> Figure:
 
 def maps(by_policy: Runs) -> Figure:
     """Fig. 2 a–c: the final map and the trajectories of the first room, seen from above."""
-    figure, panels = _panels(len(by_policy), (4.2, 4.8), sharex=True, sharey=True)
+    figure, panels = several_panels(len(by_policy), (4.2, 4.8), sharex=True, sharey=True)
     for axes, (name, (first, *_)) in zip(panels, by_policy.items()):
         _map(axes, first)
         _title(axes, f"{name}: {first.landmarks_mapped[-1]} mapped", first)
@@ -120,7 +111,7 @@ def maps(by_policy: Runs) -> Figure:
 
 def actions(by_policy: Runs) -> Figure:
     """Fig. 5 b: shares of the commands, over all episodes; a bar for each policy."""
-    figure, panels = _panels(2, (6.0, 3.4))
+    figure, panels = several_panels(2, (6.0, 3.4))
     width = 0.8 / len(by_policy)
     for axes, choices in zip(panels, (Motion, Gaze)):
         what = choices.__name__.lower()
@@ -138,7 +129,7 @@ def actions(by_policy: Runs) -> Figure:
 
 def live(drawn: Episode, runs: Sequence[Episode], until: float) -> Figure:
     """Fig. 5: log₂|P| over time of a run, mean and band over all, and the run's commands ``until`` a time [s]."""
-    figure, (left, right) = _panels(2, (5.4, 3.0))
+    figure, (left, right) = several_panels(2, (5.4, 3.0))
     entropy_panel(left, drawn, {part: over_rooms(runs, f"log2_det_{part}") for part in PARTS})
     read = np.flatnonzero(drawn.motion_read & (drawn.times[:-1] < until))
     right.step(drawn.times[read], drawn.actions[read, 0], where="post", color=ESTIMATE, linewidth=1.0)
@@ -174,11 +165,10 @@ def legend_below(figure: Figure, panels: Iterable[Axes], most: int = 9) -> None:
     figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=columns, fontsize=8)
 
 
-def save_figure(figure: Figure, path: Path, dpi: int = 130) -> Path:
+def save_figure(figure: Figure, path: Path, dpi: int = 130) -> None:
     """Write the figure as a PNG."""
     with written_whole(path) as unfinished:
         figure.savefig(unfinished, format="png", dpi=dpi)
-    return path
 
 
 def _map(axes: Axes, run: Episode) -> None:
@@ -202,9 +192,11 @@ def _map(axes: Axes, run: Episode) -> None:
     axes.set(xlim=(right, left), ylim=(bottom, top), aspect="equal", xlabel="X, m", ylabel="Z, m")
 
 
-def _panels(count: int, size: tuple[float, float] = (4.2, 3.2), **shared: Any) -> tuple[Figure, list[Axes]]:
-    """A figure with `count` panels in rows; the rest of the last row stays empty."""
-    rows = -(-count // PANELS_A_ROW)
+def several_panels(
+    count: int, size: tuple[float, float] = (4.2, 3.2), most: int = PANELS_A_ROW, **shared: Any
+) -> tuple[Figure, list[Axes]]:
+    """A figure with `count` panels, at most so many in a row; the rest of the last row stays empty."""
+    rows = -(-count // most)
     columns = -(-count // rows)
     figure, grid = grid_of_panels(rows, columns, size, **shared)
     for above, axes in zip(grid.flat[count - columns :], grid.flat[count:]):
@@ -221,3 +213,7 @@ def _title(axes: Axes, title: str, drawn: Episode) -> None:
 def _first_seed(by_policy: Runs) -> int:
     """Seed of the room that is drawn."""
     return next(iter(by_policy.values()))[0].seed
+
+
+FIGURES = {"entropies.png": entropies, "errors.png": errors, "maps.png": maps, "scores.png": scores}
+"""The figures of a comparison, by the names of their files."""

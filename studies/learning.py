@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 import baselines
-from agents.figures import grid_of_panels, legend_below, save_figure
+from agents.figures import legend_below, save_figure, several_panels
 from agents.learn.recipe import CURVE
 from agents.summary import Aggregate, aggregate
 from agents.tools.files import reading
@@ -63,18 +63,16 @@ def rows_of(curves: Curves, policies: Mapping[str, Mapping[str, Aggregate]]) -> 
 
 def draw(curves: Curves, policies: Mapping[str, Mapping[str, Aggregate]], path: Path) -> None:
     """A panel for each scenario, three in a row: the seeds of each learner, and the policies as lines."""
-    figure, grid = grid_of_panels(-(-len(curves) // 3), min(len(curves), 3), (6.0, 3.2))
+    figure, grid = several_panels(len(curves), (6.0, 3.2), 3)
     colours = {name: f"C{k}" for k, name in enumerate(dict.fromkeys(one for own in curves.values() for one in own))}
-    for axes, (scenario, learners) in zip(grid.flat, curves.items()):
+    for axes, (scenario, learners) in zip(grid, curves.items()):
         for learner, seeds in learners.items():
             for j, one in enumerate(seeds):
                 axes.plot(one[:, 0], one[:, 1], color=colours[learner], linewidth=1.2, label=None if j else learner)
         for style, (policy, score) in zip(cycle(("--", ":", "-.", (0, (1, 4)))), policies[scenario].items()):
             axes.axhline(score.value, color="0.4", linestyle=style, linewidth=1.0, label=policy)
         axes.set(title=scenario, xlabel="decisions", ylabel="log score [bit], validation")
-    for axes in grid.flat[len(curves) :]:
-        axes.set_axis_off()
-    legend_below(figure, grid[0, :1], 3)
+    legend_below(figure, grid[:1], 3)
     save_figure(figure, path)
 
 
@@ -94,18 +92,12 @@ class Args(Study):
 def main(args: Args) -> None:
     """Read the curves, play the policies, print the table and draw the figure."""
     curves = read_curves(args.folders)
-    policies = {
-        scenario: {
-            name: aggregate([one.gain for one in own], "IQM")
-            for name, own in args.in_validation(scenario, args.policies, True).items()
-        }
-        for scenario in curves
-    }
-    scores = [
-        [f"`{scenario}`", f"`{name}`", score.text(1.0, 0)]
-        for scenario, own in policies.items()
-        for name, score in own.items()
-    ]
+    policies: dict[str, dict[str, Aggregate]] = {}
+    scores = []
+    for scenario in curves:
+        played = args.in_validation(scenario, args.policies, True)
+        policies[scenario] = {name: aggregate([one.gain for one in own], "IQM") for name, own in played.items()}
+        scores += [[f"`{scenario}`", f"`{name}`", one.text(1.0, 0)] for name, one in policies[scenario].items()]
     others = table(("scenario", "policy", "log score"), scores)
     args.publish(f"{table(HEADER, rows_of(curves, policies))}\n\n{others}")
     for place in [page.parent / "images" for page in args.report] or [args.out or Path("results")]:

@@ -22,7 +22,6 @@ from agents import policies
 from agents.tools.arguments import made_scenario
 from agents.tools.sections import in_a_line
 
-ENVIRONMENT, IMAGES = "ActiveSLAM-v0", "ActiveSLAMPixels-v0"
 SAMPLE_PERIOD = 1.0  # between the samples of an episode that is not kept whole [s]
 
 
@@ -119,8 +118,7 @@ def make_environment(arguments: dict[str, Any], count: int = 1, actions: str = "
     fields = {"name": scenario} if isinstance(scenario, str) else {**getattr(scenario, "__dict__", scenario)}
     sensor = fields.get("sensor")
     on_images = sensor == "images" or (fields.get("name") in IMAGE_SCENARIOS and sensor != "corners")
-    name = IMAGES if on_images else ENVIRONMENT
-    name = name.replace("-", f"{actions}-") if name == ENVIRONMENT else name
+    name = f"ActiveSLAM{'Pixels' if on_images else actions}-v0"
     if count > 1:
         return gym.make_vec(name, num_envs=count, autoreset_mode="DISABLED", num_threads=1, scenario=scenario, **given)
     return gym.make(name, scenario=scenario, **given)

@@ -90,12 +90,7 @@ class LearnedPolicy:
     def __init__(self, env: Environment, weights: dict[str, np.ndarray], card: dict[str, Any]) -> None:
         self.card = card
         self._env = core_of(env)
-        given, own = env.observation_space, self._env.observation_space
-        if (
-            not isinstance(given, spaces.Box)
-            or given.shape != own.shape
-            or np.any((given.low != own.low) | (given.high != own.high))
-        ):
+        if env.observation_space != self._env.observation_space:
             raise ValueError("env: a wrapper changes its observations; allowed: those of the environment itself")
         decision_period = float(card["decision_period"])
         self._hold = whole_multiple("decision_period", decision_period, "gaze_period", self._env.gaze_period)

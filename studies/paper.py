@@ -69,13 +69,8 @@ def claims(runs: Runs) -> Iterator[list[str]]:
         for name in ("(i)", "(ii)"):
             yield row(words.format(name), f"{measure}, (iii) − {name}", values["(iii)"] - values[name], above)
     for name in STRATEGIES:
-        yield row(
-            "errors stay within 2σ",
-            f"position, {name} [%], over 90; 95.4 of a Gaussian",
-            measures.within(runs[name]),
-            True,
-            90.0,
-        )
+        measure = f"position, {name} [%], over 90; 95.4 of a Gaussian"
+        yield row("errors stay within 2σ", measure, measures.within(runs[name]), True, 90.0)
     yield row("entropy drops where a loop closes", "camera's log₂|P|, (i)", noted(runs["(i)"], "drop"), False)
     still, moving = share(runs["alone"], [Motion.STAY]), share(runs["(iii)"], [Motion.STAY])
     yield row("without expected landmarks the best motion is always `stay`", "(iii) [%]", still, True, 95.0)

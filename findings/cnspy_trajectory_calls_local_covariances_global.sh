@@ -6,7 +6,6 @@
 # the place of its pitch: the variances of x and y are exchanged, and no later call can repair it.
 # Law: by the package's own formats, R_true = R exp(local) = exp(global) R, so the global covariance is that of the
 # local one with R on both sides. Samples have it.
-# Upstream: no public issue of github.com/aau-cns/cnspy_trajectory that was found describes it.
 # Prints deviations by the library and by samples, and fails if that changes.
 set -euo pipefail
 folder=$(mktemp -d)

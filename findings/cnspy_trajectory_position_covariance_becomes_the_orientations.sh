@@ -6,7 +6,6 @@
 # orientation stays unturned.
 # The identity, no move at all, does the same. Where the orientation's error is local (type5), positions are right.
 # Law: a covariance is turned by the rotation of its frame on both sides, and the identity changes nothing.
-# Upstream: no public issue of github.com/aau-cns/cnspy_trajectory that was found describes it.
 # Prints the deviations before and after moves, and fails if that changes.
 set -euo pipefail
 folder=$(mktemp -d)

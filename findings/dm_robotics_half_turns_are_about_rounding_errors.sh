@@ -7,7 +7,6 @@
 # degrees.
 # Exactly symmetric matrices are right, and so are turns of 179.9 degrees.
 # Law: `axisangle_to_rmat` undoes `rmat_to_axisangle`. SciPy 1.17.1 returns the axis, up to its sign.
-# Upstream: no issue of github.com/google-deepmind/dm_robotics that was found describes it.
 # `quat_to_axisangle(mat_to_quat(matrix))` is right.
 # Prints the axes of half turns, and fails if that changes.
 set -euo pipefail

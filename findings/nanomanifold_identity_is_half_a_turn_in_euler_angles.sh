@@ -6,7 +6,6 @@
 # All twelve conventions with a repeated axis have it, down to a middle angle of 1e-9 rad. With 1e-6 rad they are right.
 # The twelve with three axes lose angles where the middle one is 90 degrees; those are right for turns in the plane.
 # Law: `SO3.from_euler` undoes `to_euler`. SciPy 1.17.1 sets the last angle to zero, warns, and has the turn.
-# Upstream: the package names no repository, and no public issue that was found describes it.
 # `SO3.to_axis_angle(q)` is right.
 # Prints what headings become, and fails if that changes.
 set -euo pipefail

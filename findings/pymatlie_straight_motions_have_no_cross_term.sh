@@ -6,7 +6,6 @@
 # of -5, and with 1e-8 rad it is millions.
 # `right_jacobian` and the inverse are made of it, so filters and optimisers lose that a wrong heading moves the robot.
 # Law: exp(tau + delta) is exp(J delta) exp(tau) for small steps. Finite differences by SciPy 1.17.1 have the column.
-# Upstream: no public issue of github.com/luis-marques/pymatlie that was found describes it.
 # In 64 bits, angles from 0.001 to 3 rad are right.
 # Prints the column for some angles, and fails if that changes.
 set -euo pipefail

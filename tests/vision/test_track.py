@@ -22,8 +22,9 @@ from activeslam_gym.geometry import rotation_error
 from activeslam_gym.vision import film
 from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.first_sight import start_pose
+from activeslam_gym.vision.frontend import FrameLog
 from activeslam_gym.vision.other_lenses import lens_from
-from activeslam_gym.vision.report import TrackFiles
+from activeslam_gym.vision.report import Agreement, TrackFiles
 from activeslam_gym.vision.room.camera import RoomCamera
 from activeslam_gym.vision.settings import FrontEndSettings
 from activeslam_gym.vision.sources import images_of
@@ -249,6 +250,16 @@ def test_what_hides_the_scene_and_moves_with_the_target_is_no_silent_error() -> 
     assert right.start_certain and not right.doubt and "contradicts" not in summary(right)
     assert np.linalg.norm(wrong.cameras[:, :3] - np.array(poses)[:, :3], axis=1).max() > 0.1
     assert not wrong.start_certain and "the map contradicts the images from 0.27 s on" in summary(wrong)
+
+
+def test_a_jerk_from_which_the_map_returns_with_few_changes_is_no_contradiction() -> None:
+    """Unlike a cut, after which the map is matched again since other features have taken the place of all."""
+    log = FrameLog(0.0, 45, 35, 31, 30, 1, 0, 0, True, False, False, True, 2.0)
+    for initialised, deletions, holds in ((0, 0, True), (0, 2, True), (4, 1, True), (4, 7, False), (12, 0, False)):
+        agreement, unseen = Agreement(), log._replace(matched=3)
+        changed = log._replace(matched=11, initialised=initialised, deletions=deletions)
+        certain = [agreement.judged(one).start_certain for one in (log, unseen, changed, log)]
+        assert certain == [True, False, False, holds]
 
 
 def test_images_that_repeat_the_one_before_have_its_pose_and_tell_of_no_rest() -> None:

@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 
 import gymnasium
 
-from activeslam_gym.vision.settings import FEATURES
+from activeslam_gym.vision.settings import TRACK_FEATURES
 
 _DEFAULT = "(default: %(default)s)"
 _LENS = "file of the lens: of calibrate, OpenCV, ROS, Kalibr, EuRoC, ORB-SLAM, Basalt or COLMAP"
@@ -85,7 +85,8 @@ def _add_track(commands: Any) -> None:
     readout = "seconds from the first row of an image to the last, of a rolling shutter; poses are the middle row's"
     one.add_argument("--readout", type=float, default=0.0, help=f"{readout} {_DEFAULT}")
     one.add_argument("--out", required=True, help="folder to write trajectory.tum, map.csv and frames.csv to")
-    one.add_argument("--features", type=int, default=FEATURES, help=f"largest number of features in the map {_DEFAULT}")
+    features = f"largest number of features in the map {_DEFAULT}"
+    one.add_argument("--features", type=int, default=TRACK_FEATURES, help=features)
     one.add_argument("--film", action="store_true", help="write film.mp4 too: the images beside the map")
     one.add_argument("--belief", choices=("smfeval",), help="write poses and covariances to belief.square, for smfeval")
     one.add_argument("--keep-lost", action="store_true", help="write the poses of lost images to trajectory.tum too")

@@ -34,7 +34,7 @@ from activeslam_gym.vision.frontend import FrameLog, FrontEnd, FrontEndSettings
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.other_lenses import lens_from
 from activeslam_gym.vision.report import FREE, TURNED, Agreement, Diagnosis, TrackFiles, blemish
-from activeslam_gym.vision.settings import FEATURES, FEWEST, MOST
+from activeslam_gym.vision.settings import FEATURES, FEWEST, MOST, TRACK_FEATURES
 from activeslam_gym.vision.sources import Frame, SourceError, images_of, read_times
 from activeslam_gym.vision.start import is_narrow, steps_from_anywhere
 from activeslam_gym.vision.target import FACING, Target, as_first_seen, drawn, read_target
@@ -179,7 +179,7 @@ def follow(
     rate: float,
     settings: FrontEndSettings | None = None,
     watch: Callable[[FrontEnd, Frame, FrameLog], None] = lambda front_end, frame, log: None,
-    features: int = FEATURES,
+    features: int = TRACK_FEATURES,
 ) -> Track:
     """Track ``images``; trouble with an image, or Ctrl-C, ends the track, and the part before it is kept.
 

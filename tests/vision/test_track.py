@@ -19,6 +19,7 @@ cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
 from activeslam_gym.__main__ import main, parser
 from activeslam_gym.geometry import rotation_error
+from activeslam_gym.slam.belief import SPARE_FEATURES
 from activeslam_gym.vision import film
 from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.first_sight import start_pose
@@ -26,10 +27,10 @@ from activeslam_gym.vision.frontend import FrameLog
 from activeslam_gym.vision.other_lenses import lens_from
 from activeslam_gym.vision.report import Agreement, TrackFiles
 from activeslam_gym.vision.room.camera import RoomCamera
-from activeslam_gym.vision.settings import FrontEndSettings
+from activeslam_gym.vision.settings import TRACK_FEATURES, FrontEndSettings
 from activeslam_gym.vision.sources import images_of
 from activeslam_gym.vision.target import read_target
-from activeslam_gym.vision.track import follow, summary, track
+from activeslam_gym.vision.track import follow, scenario_of, summary, track
 from activeslam_gym.vision.views import projected, reduced
 from studies.excerpts import _ROOM as EXCERPTS
 from tests.vision_scene import (
@@ -309,6 +310,11 @@ def test_a_rolling_shutter_is_corrected_by_its_readout_time() -> None:
         found = Rotation.from_quat(np.roll(done.cameras[:, 3:7], -1, axis=1))
         errors.append(((found[0].inv() * found).inv() * (truth[0].inv() * truth)).magnitude().max())
     assert errors[1] < np.radians(0.6) and errors[0] > 3.0 * errors[1], np.degrees(errors)
+
+
+def test_a_track_keeps_the_places_of_a_minute_and_the_live_page_those_of_a_desk(sequence, tmp_path) -> None:
+    assert parser().parse_args(command(sequence, tmp_path)).features == TRACK_FEATURES == 200
+    assert scenario_of(LENS, True, 30.0).landmark_count + SPARE_FEATURES == 49
 
 
 def test_a_full_map_says_how_many_features_made_room(sequence) -> None:

@@ -8,7 +8,6 @@ the one in which the mean of rho is `UNIT`: bearings tell of no other.
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 UNIT = 1.5
@@ -17,28 +16,31 @@ _CAUCHY = 2.0  # deviations from which a residual counts as an outlier
 _GAUGE = 1e6  # weight of the mean inverse depth
 _ENOUGH = 1e-3  # gain of an iteration under which it is the last
 _POSE_ROUNDS = 6  # iterations of a camera alone
+_RIDGE = 1e-6  # damping of equations that leave the unit open
 _BEHIND = 2.0  # residual of a point behind a camera [rad]
 
 
 class Geometry(NamedTuple):
     """K cameras and N points; its tangent has, of all cameras but the first, position and rotation (world frame), then
-    of each point two angles in the plane of `tangents` and the inverse depth."""
+    of each point two angles in the plane of `tangents` and the inverse depth, and last, where it is free, ``focal``."""
 
     R_WC: np.ndarray  # (K, 3, 3)
     p: np.ndarray  # (K, 3)
     d: np.ndarray  # (N, 3)
     rho: np.ndarray  # (N,)
+    focal: float = 0.0  # logarithm of the focal length, over that by which the bearings were calculated
 
     def moved(self, step: np.ndarray) -> "Geometry":
-        """The same, shifted by a ``step`` (6 (K - 1) + 3 N,) of the tangent, in the unit of the module."""
+        """The same, shifted by a ``step`` (6 (K - 1) + 3 N,) of the tangent, or one more, in the unit of the module."""
         K, N = len(self.p), len(self.d)
-        cameras = np.concatenate((np.zeros(6), step[: 6 * (K - 1)])).reshape(K, 6)
-        points = step[6 * (K - 1) :].reshape(N, 3)
+        cameras, points, focal = np.split(step, (6 * (K - 1), 6 * (K - 1) + 3 * N))
+        cameras, points = np.concatenate((np.zeros(6), cameras)).reshape(K, 6), points.reshape(N, 3)
         R = Rotation.from_rotvec(cameras[:, 3:]).as_matrix() @ self.R_WC
         d = self.d + (tangents(self.d) @ points[:, :2, None])[..., 0]
         return Geometry(
-            R, self.p + cameras[:, :3], d / np.linalg.norm(d, axis=1)[:, None], self.rho + points[:, 2]
-        ).in_unit()
+            R, self.p + cameras[:, :3], d / np.linalg.norm(d, axis=1)[:, None], self.rho + points[:, 2],
+            self.focal + float(focal.sum()),
+        ).in_unit()  # fmt: skip
 
     def in_unit(self) -> "Geometry":
         """The same with the mean inverse depth `UNIT`; a mirror image, all behind the cameras, is turned over."""
@@ -57,9 +59,11 @@ def tangents(d: np.ndarray) -> np.ndarray:
 
 
 class Bundle:
-    """The problem: ``bearings`` (K, N, 3), NaN where a camera does not see a point, with deviations (K, N) [rad]."""
+    """The problem: ``bearings`` (K, N, 3), NaN where a camera does not see a point, with deviations (K, N) [rad]; with
+    the focal length as one more unknown, if it is ``free``."""
 
-    def __init__(self, bearings: np.ndarray, stds: np.ndarray) -> None:
+    def __init__(self, bearings: np.ndarray, stds: np.ndarray, free: bool = False) -> None:
+        self._free = free
         self.seen = np.isfinite(bearings[..., 0])
         self.bearings = np.where(self.seen[..., None], bearings, (0.0, 0.0, 1.0))
         self._std = np.where(self.seen, stds, 1.0)
@@ -84,6 +88,12 @@ class Bundle:
                 break
         return x, cost
 
+    def focal_std(self, x: Geometry) -> float:
+        """Deviation of the free ``x.focal`` in a minimum ``x``, by the size of the residuals (their median)."""
+        spread = np.median(self.squares(x)[self.seen]) / (2.0 * np.log(2.0))
+        freedom = 1.0 - 3.0 * (len(x.p) + 0.5 * len(x.d)) / self.seen.sum()
+        return float(np.sqrt(spread / freedom * np.linalg.inv(_reduced(self._blocks(x), _RIDGE)[0])[-1, -1]))
+
     def second_camera(self, x: Geometry, R_WC: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The pose of the second camera of two near the pose ``R_WC`` (3, 3), ``p`` (3,); points are those of ``x``."""
         for _ in range(_POSE_ROUNDS):
@@ -104,7 +114,7 @@ class Bundle:
     def _residuals(self, x: Geometry) -> tuple[np.ndarray, ...]:
         """Residuals (K, N, 2), the ways d - rho p (K, N, 3) in the world, their lengths, bearings; whether in front."""
         way = x.d - x.rho[:, None] * x.p[:, None]
-        q = way @ x.R_WC
+        q = way @ x.R_WC * _stretch(x)
         length = np.maximum(np.linalg.norm(q, axis=-1), 1e-9)
         z_hat = q / length[..., None]
         front = (z_hat * self.bearings).sum(axis=-1) > 0.0
@@ -117,7 +127,7 @@ class Bundle:
         by_camera, both, by_point, g_camera, g_point = self._blocks(x)
         cameras, N, g = g_camera.size, len(by_point), np.concatenate((g_camera.ravel(), g_point.ravel()))
         H, unit = np.zeros((len(g),) * 2), np.zeros(len(g))
-        H[:cameras, :cameras], H[cameras:, cameras:] = block_diag(*by_camera), block_diag(*by_point)
+        H[:cameras, :cameras], H[cameras:, cameras:] = _diagonal(by_camera), _diagonal(by_point)
         H[:cameras, cameras:] = both.transpose(0, 2, 1, 3).reshape(cameras, 3 * N)
         H[cameras:, :cameras] = H[:cameras, cameras:].T
         unit[cameras + 2 :: 3] = 1.0 / N
@@ -130,24 +140,58 @@ class Bundle:
         weight = np.where(self.seen & front, 1.0 / (1.0 + (e**2).sum(axis=-1) / _CAUCHY**2), 0.0)
         # e = B^T q / |q| and q = R^T (d - rho p): de = G^T R^T d(way), G = (I - z z^T) B / |q|
         G = self._across - z_hat[..., :, None] * (z_hat[..., None, :] @ self._across)
-        G = np.swapaxes(x.R_WC[:, None] @ (G / (length * self._std)[..., None, None]), -1, -2)
+        G = _stretch(x)[:, None] * G / (length * self._std)[..., None, None]
+        G = np.swapaxes(x.R_WC[:, None] @ G, -1, -2)
         turn = np.stack([np.cross(way, G[..., a, :]) for a in range(2)], axis=-2)
         A = np.concatenate((-x.rho[:, None, None] * G, -turn), axis=-1)
         C = np.concatenate((G @ tangents(x.d), -G @ x.p[:, None, :, None]), axis=-1)
         A_w, C_w = (np.swapaxes(weight[..., None, None] * J, -1, -2) for J in (A, C))
         g_camera, g_point = (A_w @ e[..., None])[..., 0].sum(axis=1), (C_w @ e[..., None])[..., 0].sum(axis=0)
-        return (A_w @ A).sum(axis=1)[1:], (A_w @ C)[1:], (C_w @ C).sum(axis=0), g_camera[1:], g_point
+        blocks = (A_w @ A).sum(axis=1)[1:], (A_w @ C)[1:], (C_w @ C).sum(axis=0), g_camera[1:], g_point
+        if not self._free:
+            return blocks
+        across = (z_hat * length[..., None] * (1.0, 1.0, 0.0) / _stretch(x)) @ np.swapaxes(x.R_WC, -1, -2)
+        F = G @ across[..., None]
+        by_camera, by_point = (A_w @ F)[1:, ..., 0].sum(axis=1), (C_w @ F)[..., 0].sum(axis=0)
+        own = (np.sum(weight[..., None] * F[..., 0] * v) for v in (F[..., 0], e))
+        return *blocks, by_camera, by_point, *own
+
+
+def _diagonal(blocks: np.ndarray) -> np.ndarray:
+    """(n m, n m) the matrix with the ``blocks`` (n, m, m) on its diagonal."""
+    n, m, _ = blocks.shape
+    out = np.zeros((n, m, n, m))
+    out[np.arange(n), :, np.arange(n)] = blocks
+    return out.reshape(n * m, n * m)
+
+
+def _stretch(x: Geometry) -> np.ndarray:
+    """(3,) what a point in the camera's axes is multiplied by, to be seen along the calculated bearings."""
+    return np.exp((x.focal, x.focal, 0.0))
 
 
 def _step(blocks: tuple[np.ndarray, ...], damping: float) -> np.ndarray:
-    """The step of Levenberg and Marquardt's method by `Bundle._blocks`; the points are eliminated first (Schur)."""
-    by_camera, both, by_point, g_camera, g_point = blocks
+    """The step of Levenberg and Marquardt's method by `Bundle._blocks`."""
+    H, g, B, inverse, g_point = _reduced(blocks, damping)
+    n, others = 6 * len(blocks[0]), np.linalg.solve(H, g)
+    points = -(inverse @ (g_point.ravel() + others @ B).reshape(-1, 3, 1))
+    return np.concatenate((others[:n], points.ravel(), others[n:]))
+
+
+def _reduced(blocks: tuple[np.ndarray, ...], damping: float) -> tuple[np.ndarray, ...]:
+    """The damped equations of the cameras and, last, of the focal length, from which points are eliminated (Schur)."""
+    by_camera, both, by_point, g_camera, g_point, *focal = blocks
     A, C = (H + H * (damping * np.eye(H.shape[-1])) + 1e-9 * np.eye(H.shape[-1]) for H in (by_camera, by_point))
     n, inverse = 6 * len(A), np.linalg.inv(C)
     B, BC = (M.transpose(0, 2, 1, 3).reshape(n, -1) for M in (both, both @ inverse))
-    cameras = np.linalg.solve(block_diag(*A) - BC @ B.T, BC @ g_point.ravel() - g_camera.ravel())
-    points = -(inverse @ (g_point.ravel() + cameras @ B).reshape(-1, 3, 1))
-    return np.concatenate((cameras, points.ravel()))
+    A, g = _diagonal(A), g_camera.ravel()
+    if focal:
+        column, row, corner, slope = focal
+        A, g = np.pad(A, (0, 1)), np.append(g, slope)
+        A[n, :n] = A[:n, n] = column.ravel()
+        A[n, n] = (1.0 + damping) * corner + 1e-9
+        B, BC = np.vstack((B, row.ravel())), np.vstack((BC, (row[:, None] @ inverse).ravel()))
+    return A - BC @ B.T, BC @ g_point.ravel() - g, B, inverse, g_point
 
 
 def inverse_depths(first: np.ndarray, last: np.ndarray, p: np.ndarray) -> np.ndarray:

@@ -335,3 +335,18 @@ def test_rows_of_a_turned_picture_have_no_readout_time(sequence, tmp_path, capsy
     assert main(command(sequence, tmp_path / "out", upright)) == 0
     assert main(command(sequence, tmp_path / "out", upright, "--readout=0.01")) == 2
     assert "got 240 x 320" in capsys.readouterr().err
+
+
+def test_a_wrong_focal_length_of_the_calibration_is_told_and_a_right_one_is_not() -> None:
+    """A camera slides and turns to and fro; the calibration's focal length is 5 % too long, right, 5 % too short."""
+    lens = Calibration(320, 240, 200.0, 159.5, 119.5, 0.0)
+    room, images = RoomCamera(EXCERPTS, lens.camera, np.random.SeedSequence(6)), list[tuple[float, np.ndarray]]()
+    for at in np.arange(100) / 30.0:
+        turn = Rotation.from_rotvec((0.1 * np.sin(3.0 * at), 0.4 * np.sin(2.0 * at), 0.0))
+        state = np.concatenate(((0.3 * np.sin(1.5 * at), 0.0, 0.0), np.roll(turn.as_quat(), 1), np.zeros(6)))
+        images.append((at, room.photograph(state, len(images))))
+    for ratio in (1.05, 1.0, 0.95):
+        done = follow(images, lens._replace(focal_px=ratio * lens.focal_px), None, 30.0)
+        assert (done.misfit is not None) == (ratio != 1.0) and done.start_certain
+        assert ("times the focal length of the calibration" in done.doubt) == (ratio != 1.0)
+        assert done.misfit is None or abs(ratio * done.misfit[0] - 1.0) < 0.02

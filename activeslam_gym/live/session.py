@@ -175,7 +175,8 @@ class Session:
         repeated = front_end.repeated
         log = front_end.step(self._image, self._time)
         self._repeats = front_end.repeated > repeated
-        self.log = log if self.source.person else self._agreement.judged(log)  # a room's front end keeps what it misses
+        a_room = self.source.person is not None  # its front end keeps the features that it misses
+        self.log = log if a_room else self._agreement.judged(log, front_end.strayed)
         if self.log.matched >= _FEW and not self.log.lost:
             self._good = self._time
         if self.adviser.consider(self._time) and self.source.person is not None:

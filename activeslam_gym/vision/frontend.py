@@ -70,8 +70,9 @@ class FrontEnd:
         self._prior = filter.expected_inverse_depth
         self._template_map = TemplateMap(self.camera, self.settings, filter.capacity + len(filter.fiducials))
         self._frame, self._time = 0, 0.0
-        self.repeated = self.displaced = 0
-        """Images so far that repeat the one before; features that made room for new ones in a full map."""
+        self.repeated, self.displaced, self.strayed = 0, 0, 0.0
+        """Images so far that repeat the one before; features that made room for new ones in a full map; and residuals
+        of the features that the last searched image has deleted, see `TemplateMap` [px]."""
         self.candidates = np.zeros(0, DETECTION)
         """(M,) those of the last image with the filter's answer, in its pixels; new features at the end."""
         self.searched = NOTHING
@@ -192,7 +193,7 @@ class FrontEnd:
             self._blind += 1
         clear = self._blind == 0 or (self._blind > s.trials and not self._after_gap)
         dropped = self._heed_target()
-        initialised, deletions = self._learn() if clear else (0, 0)
+        initialised, deletions, self.strayed = self._learn() if clear else (0, 0, 0.0)
         metric, features, deletions = len(self.filter.fiducials) > 0, self._template_map.features, deletions + dropped
         counts = features, searched, found, matched, found - matched, initialised, deletions
         agrees, seconds = not self._restart.is_contradicted, time.thread_time() - began
@@ -304,8 +305,8 @@ class FrontEnd:
 
     # The map ----------------------------------------------------------------------------------------------------------
 
-    def _learn(self) -> tuple[int, int]:
-        """Initialise new features and delete those that fail: how many."""
+    def _learn(self) -> tuple[int, int, float]:
+        """Initialise new features and delete those that fail: how many, and how far these had strayed [px]."""
         sight, searched = self.filter.sight(), self.searched
         points = self._points(sight.point["row"])
         self._template_map.judge(searched.id, searched.outcome == MATCHED, searched.inside, self._frame)
@@ -316,7 +317,7 @@ class FrontEnd:
         places = self._template_map.places(sight.point["id"])
         change = self._template_map.change_of_view(places, points, self.filter.mean)
         occupied = sight.point["z_hat"][(places >= 0) & (change <= self.settings.most_change)]
-        return self._initialise_features(occupied, self.settings.initialised), len(failed)
+        return self._initialise_features(occupied, self.settings.initialised), len(failed), self._template_map.strayed
 
     def _heed_target(self) -> int:
         """Restart at the pose that the target shows, where it contradicts the belief: how many features are deleted."""

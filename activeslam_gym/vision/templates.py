@@ -190,6 +190,8 @@ class TemplateMap:
         self.residual, self.alike = np.zeros((rows, 2)), np.zeros(rows)
         """Of the feature at each place its running mean residual (rows, 2) [px], and how often it was matched in nearly
         the present view (rows,); zero for the target, whose biases are states."""
+        self.strayed = 0.0
+        """Sum of the residuals of the features that failed last, were found often and matched in three images [px]."""
         self._tried, self._matched = np.zeros(rows), np.zeros(rows)
         self._keep, self._enough = 1.0 - 1.0 / settings.trials, ENOUGH * settings.trials
         self._seen, self._since = np.zeros(rows, np.int64), np.zeros(rows, np.int64)  # last image, and first of a run
@@ -315,6 +317,7 @@ class TemplateMap:
         searched = own & (self._tried > 0.0)
         typical = median(residual[searched].tolist()) if searched.any() else 0.0
         astray = residual > max(s.most_residual, _ODD * typical)
+        self.strayed = float(residual[astray & own & ~seldom & (self._matched > 2.0)].sum())
         return self.templates.id[(seldom | astray) & own].tolist()
 
     def longest_unseen(self, ids: np.ndarray, since: int) -> int | None:

@@ -207,7 +207,7 @@ def follow(
         agreement = Agreement()
 
         def judged(frame: Frame) -> tuple[Frame, FrameLog]:
-            log = agreement.judged(front_end.step(frame[1], frame[0]))
+            log = agreement.judged(front_end.step(frame[1], frame[0]), front_end.strayed)
             known = log.lost or np.trace(front_end.filter.camera_covariance[3:6, 3:6]) < _KNOWN**2
             return frame, log._replace(start_certain=bool(log.start_certain and known))
 

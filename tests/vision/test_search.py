@@ -149,6 +149,7 @@ def test_a_feature_fails_after_so_many_misses_inside_the_image(gallery) -> None:
     for frame in (39, 40):  # rounding decides at which of the two
         searched_in(gallery, {8}, frame)
     assert gallery.failed() == [7], "8 is matched, and a fiducial is never judged"
+    assert gallery.strayed == 0.0, "it was seldom found, and never where it should not be"
 
 
 @pytest.mark.parametrize("others, failed", [((0.05, 0.02), [7]), ((0.15, 0.15), []), ((0.5, 0.5), [])])
@@ -162,3 +163,4 @@ def test_one_alone_that_is_beside_the_estimate_fails_and_not_all_together(grey, 
             seen_at(gallery, id, (error, 0.0))
         gallery.judge([7, 8, 9], np.ones(3, bool), np.ones(3, bool), frame)
     assert gallery.failed() == failed
+    assert gallery.strayed == pytest.approx(0.5 * len(failed), abs=0.01)

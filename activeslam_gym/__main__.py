@@ -125,7 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command: the exit status.
 
     1: a package is not installed, or the track ended early; 2: a bad value or file; 3: most images were lost, the start
-    is uncertain, or map or focal length contradict the images, or the map was replaced; 130: Ctrl-C, SIGTERM or SIGHUP.
+    is uncertain, or map or lens contradict the images, or the map was replaced; 130: Ctrl-C, SIGTERM or SIGHUP.
     """
     args = parser().parse_args(arguments)
     try:

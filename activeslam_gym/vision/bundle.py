@@ -22,24 +22,24 @@ _BEHIND = 2.0  # residual of a point behind a camera [rad]
 
 class Geometry(NamedTuple):
     """K cameras and N points; its tangent has, of all cameras but the first, position and rotation (world frame), then
-    of each point two angles in the plane of `tangents` and the inverse depth, and last, where it is free, ``focal``."""
+    of each point two angles in the plane of `tangents` and the inverse depth, and last what is free of the ``lens``."""
 
     R_WC: np.ndarray  # (K, 3, 3)
     p: np.ndarray  # (K, 3)
     d: np.ndarray  # (N, 3)
     rho: np.ndarray  # (N,)
-    focal: float = 0.0  # logarithm of the focal length, over that by which the bearings were calculated
+    lens: np.ndarray = np.zeros(0)  # (L,) unknowns of the lens, see `Bundle`
 
     def moved(self, step: np.ndarray) -> "Geometry":
-        """The same, shifted by a ``step`` (6 (K - 1) + 3 N,) of the tangent, or one more, in the unit of the module."""
+        """The same, shifted by a ``step`` (6 (K - 1) + 3 N + L,) of the tangent, in the unit of the module."""
         K, N = len(self.p), len(self.d)
-        cameras, points, focal = np.split(step, (6 * (K - 1), 6 * (K - 1) + 3 * N))
+        cameras, points, lens = np.split(step, (6 * (K - 1), 6 * (K - 1) + 3 * N))
         cameras, points = np.concatenate((np.zeros(6), cameras)).reshape(K, 6), points.reshape(N, 3)
         R = Rotation.from_rotvec(cameras[:, 3:]).as_matrix() @ self.R_WC
         d = self.d + (tangents(self.d) @ points[:, :2, None])[..., 0]
         return Geometry(
             R, self.p + cameras[:, :3], d / np.linalg.norm(d, axis=1)[:, None], self.rho + points[:, 2],
-            self.focal + float(focal.sum()),
+            self.lens + lens,
         ).in_unit()  # fmt: skip
 
     def in_unit(self) -> "Geometry":
@@ -59,11 +59,14 @@ def tangents(d: np.ndarray) -> np.ndarray:
 
 
 class Bundle:
-    """The problem: ``bearings`` (K, N, 3), NaN where a camera does not see a point, with deviations (K, N) [rad]; with
-    the focal length as one more unknown, if it is ``free``."""
+    """The problem: ``bearings`` (K, N, 3), NaN where a camera does not see a point, with deviations (K, N) [rad].
 
-    def __init__(self, bearings: np.ndarray, stds: np.ndarray, free: bool = False) -> None:
-        self._free = free
+    With ``stretches`` (K, N, L) the lens is unknown, too: a point's x and y in the camera's axes are multiplied by
+    exp(stretches @ x.lens), to be seen along the calculated bearings.
+    """
+
+    def __init__(self, bearings: np.ndarray, stds: np.ndarray, stretches: np.ndarray | None = None) -> None:
+        self._stretches = stretches
         self.seen = np.isfinite(bearings[..., 0])
         self.bearings = np.where(self.seen[..., None], bearings, (0.0, 0.0, 1.0))
         self._std = np.where(self.seen, stds, 1.0)
@@ -88,11 +91,12 @@ class Bundle:
                 break
         return x, cost
 
-    def focal_std(self, x: Geometry) -> float:
-        """Deviation of the free ``x.focal`` in a minimum ``x``, by the size of the residuals (their median)."""
+    def lens_covariance(self, x: Geometry) -> np.ndarray:
+        """Covariance (L, L) of ``x.lens`` in a minimum ``x``, by the size of the residuals (their median)."""
         spread = np.median(self.squares(x)[self.seen]) / (2.0 * np.log(2.0))
         freedom = 1.0 - 3.0 * (len(x.p) + 0.5 * len(x.d)) / self.seen.sum()
-        return float(np.sqrt(spread / freedom * np.linalg.inv(_reduced(self._blocks(x), _RIDGE)[0])[-1, -1]))
+        own = slice(-len(x.lens), None)
+        return spread / freedom * np.linalg.inv(_reduced(self._blocks(x), _RIDGE)[0])[own, own]
 
     def second_camera(self, x: Geometry, R_WC: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The pose of the second camera of two near the pose ``R_WC`` (3, 3), ``p`` (3,); points are those of ``x``."""
@@ -114,7 +118,7 @@ class Bundle:
     def _residuals(self, x: Geometry) -> tuple[np.ndarray, ...]:
         """Residuals (K, N, 2), the ways d - rho p (K, N, 3) in the world, their lengths, bearings; whether in front."""
         way = x.d - x.rho[:, None] * x.p[:, None]
-        q = way @ x.R_WC * _stretch(x)
+        q = way @ x.R_WC * self._stretch(x)
         length = np.maximum(np.linalg.norm(q, axis=-1), 1e-9)
         z_hat = q / length[..., None]
         front = (z_hat * self.bearings).sum(axis=-1) > 0.0
@@ -139,8 +143,9 @@ class Bundle:
         e, way, length, z_hat, front = self._residuals(x)
         weight = np.where(self.seen & front, 1.0 / (1.0 + (e**2).sum(axis=-1) / _CAUCHY**2), 0.0)
         # e = B^T q / |q| and q = R^T (d - rho p): de = G^T R^T d(way), G = (I - z z^T) B / |q|
+        stretch = self._stretch(x)
         G = self._across - z_hat[..., :, None] * (z_hat[..., None, :] @ self._across)
-        G = _stretch(x)[:, None] * G / (length * self._std)[..., None, None]
+        G = stretch[..., None] * G / (length * self._std)[..., None, None]
         G = np.swapaxes(x.R_WC[:, None] @ G, -1, -2)
         turn = np.stack([np.cross(way, G[..., a, :]) for a in range(2)], axis=-2)
         A = np.concatenate((-x.rho[:, None, None] * G, -turn), axis=-1)
@@ -148,13 +153,20 @@ class Bundle:
         A_w, C_w = (np.swapaxes(weight[..., None, None] * J, -1, -2) for J in (A, C))
         g_camera, g_point = (A_w @ e[..., None])[..., 0].sum(axis=1), (C_w @ e[..., None])[..., 0].sum(axis=0)
         blocks = (A_w @ A).sum(axis=1)[1:], (A_w @ C)[1:], (C_w @ C).sum(axis=0), g_camera[1:], g_point
-        if not self._free:
+        if self._stretches is None:
             return blocks
-        across = (z_hat * length[..., None] * (1.0, 1.0, 0.0) / _stretch(x)) @ np.swapaxes(x.R_WC, -1, -2)
-        F = G @ across[..., None]
-        by_camera, by_point = (A_w @ F)[1:, ..., 0].sum(axis=1), (C_w @ F)[..., 0].sum(axis=0)
-        own = (np.sum(weight[..., None] * F[..., 0] * v) for v in (F[..., 0], e))
-        return *blocks, by_camera, by_point, *own
+        across = (z_hat * length[..., None] * (1.0, 1.0, 0.0) / stretch) @ np.swapaxes(x.R_WC, -1, -2)
+        F = G @ (across[..., None] * self._stretches[..., None, :])
+        by_camera, by_point = (A_w @ F)[1:].sum(axis=1), (C_w @ F).sum(axis=0)
+        F_w = np.swapaxes(weight[..., None, None] * F, -1, -2)
+        return *blocks, by_camera, by_point, (F_w @ F).sum(axis=(0, 1)), (F_w @ e[..., None])[..., 0].sum(axis=(0, 1))
+
+    def _stretch(self, x: Geometry) -> np.ndarray:
+        """(K, N, 3) or (3,) what points in the camera's axes are multiplied by."""
+        if self._stretches is None:
+            return np.ones(3)
+        across = np.exp(self._stretches @ x.lens)
+        return np.stack((across, across, np.ones_like(across)), axis=-1)
 
 
 def _diagonal(blocks: np.ndarray) -> np.ndarray:
@@ -163,11 +175,6 @@ def _diagonal(blocks: np.ndarray) -> np.ndarray:
     out = np.zeros((n, m, n, m))
     out[np.arange(n), :, np.arange(n)] = blocks
     return out.reshape(n * m, n * m)
-
-
-def _stretch(x: Geometry) -> np.ndarray:
-    """(3,) what a point in the camera's axes is multiplied by, to be seen along the calculated bearings."""
-    return np.exp((x.focal, x.focal, 0.0))
 
 
 def _step(blocks: tuple[np.ndarray, ...], damping: float) -> np.ndarray:
@@ -179,18 +186,19 @@ def _step(blocks: tuple[np.ndarray, ...], damping: float) -> np.ndarray:
 
 
 def _reduced(blocks: tuple[np.ndarray, ...], damping: float) -> tuple[np.ndarray, ...]:
-    """The damped equations of the cameras and, last, of the focal length, from which points are eliminated (Schur)."""
-    by_camera, both, by_point, g_camera, g_point, *focal = blocks
-    A, C = (H + H * (damping * np.eye(H.shape[-1])) + 1e-9 * np.eye(H.shape[-1]) for H in (by_camera, by_point))
+    """The damped equations of the cameras and, last, of the lens, from which points are eliminated (Schur)."""
+    by_camera, both, by_point, g_camera, g_point, *lens = blocks
+    A, C, *own = (
+        H + H * (damping * np.eye(len(H.T))) + 1e-9 * np.eye(len(H.T)) for H in (by_camera, by_point, *lens[2:3])
+    )
     n, inverse = 6 * len(A), np.linalg.inv(C)
     B, BC = (M.transpose(0, 2, 1, 3).reshape(n, -1) for M in (both, both @ inverse))
     A, g = _diagonal(A), g_camera.ravel()
-    if focal:
-        column, row, corner, slope = focal
-        A, g = np.pad(A, (0, 1)), np.append(g, slope)
-        A[n, :n] = A[:n, n] = column.ravel()
-        A[n, n] = (1.0 + damping) * corner + 1e-9
-        B, BC = np.vstack((B, row.ravel())), np.vstack((BC, (row[:, None] @ inverse).ravel()))
+    if lens:
+        columns, rows, _, slope = lens
+        side = columns.reshape(n, -1)
+        A, g = np.block([[A, side], [side.T, *own]]), np.append(g, slope)
+        B, BC = (np.vstack((M, m.reshape(-1, len(slope)).T)) for M, m in ((B, rows), (BC, inverse @ rows)))
     return A - BC @ B.T, BC @ g_point.ravel() - g, B, inverse, g_point
 
 

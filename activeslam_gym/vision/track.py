@@ -30,8 +30,8 @@ from activeslam_gym.vision.bundle import UNIT
 from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.film import film_to, moment_of
 from activeslam_gym.vision.first_sight import demand_agreement, fiducials_among, other_print, seen_corners, start_pose
-from activeslam_gym.vision.focal import FocalLength
 from activeslam_gym.vision.frontend import FrameLog, FrontEnd, FrontEndSettings
+from activeslam_gym.vision.lens_check import LensCheck
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.other_lenses import lens_from
 from activeslam_gym.vision.report import FREE, TURNED, Agreement, Diagnosis, TrackFiles, blemish
@@ -68,6 +68,10 @@ CONTRADICTED = (
     "letters in it), the hand was too quick, or it was too dark"
 )
 MISFIT = "the images fit {:.2f} times the focal length of the calibration (± {:.2f}): check it"
+BENT = (
+    "the images do not fit the lens of the calibration, in their corners by a factor of {:.2f} (± {:.2f}): check its "
+    "model and distortion"
+)
 REPLACED = "the map was replaced {} times, where the target contradicted it: poses before may be wrong"
 """The words for a track whose motion the images do not tell, and for one that they contradict."""
 Item = TypeVar("Item")
@@ -91,6 +95,7 @@ class Track(NamedTuple):
     repeated: int = 0  # images that repeat the one before, and have its pose
     displaced: int = 0  # features that made room for others in a full map
     misfit: tuple[float, float] | None = None  # ratio of the focal length to the calibration's, deviation
+    bent: tuple[float, float] | None = None  # the same of distances from the images' centre to the corners: distortion
 
     @property
     def start_certain(self) -> bool:
@@ -100,7 +105,8 @@ class Track(NamedTuple):
     @property
     def doubt(self) -> str:
         """Why the poses are not certain; or "" ."""
-        return "; ".join(filter(None, (self._contradiction, self.misfit and MISFIT.format(*self.misfit))))
+        lens = BENT.format(*self.bent) if self.bent else self.misfit and MISFIT.format(*self.misfit)
+        return "; ".join(filter(None, (self._contradiction, lens)))
 
     @property
     def _contradiction(self) -> str:
@@ -213,13 +219,13 @@ def follow(
 
         steps = chain([(first, front_end.first_log(1e3 * (thread_time() - began)))], map(judged, source))
     filter, trouble, rows = front_end.filter, None, list[tuple[float, np.ndarray, np.ndarray, FrameLog]]()
-    focal = FocalLength(front_end.camera)
+    lens = LensCheck(front_end.camera)
     try:
         for frame, log in steps:
             rows.append((frame[0], filter.mean, filter.camera_covariance[:6, :6], log))
             watch(front_end, frame, log)
             if not (log.lost or is_narrow(front_end.camera)):
-                focal.add(filter.mean, front_end.candidates)
+                lens.add(filter.mean, front_end.candidates)
     except (ValueError, KeyboardInterrupt) as error:
         if not rows:
             raise
@@ -228,7 +234,7 @@ def follow(
     lost = np.array([log.lost for log in logs])
     stacked = np.array(times), np.array(cameras), np.array(covariances)
     counts = front_end.repeated, front_end.displaced
-    return Track(*stacked, [*logs[1:]], lost, filter, trouble, *counts, focal.misfit)
+    return Track(*stacked, [*logs[1:]], lost, filter, trouble, *counts, lens.focal, lens.distortion)
 
 
 def track(args: Namespace) -> tuple[Track, str]:

@@ -28,7 +28,7 @@ from activeslam_gym.vision.other_lenses import lens_from
 from activeslam_gym.vision.report import Agreement, TrackFiles
 from activeslam_gym.vision.room.camera import RoomCamera
 from activeslam_gym.vision.settings import TRACK_FEATURES, FrontEndSettings
-from activeslam_gym.vision.sources import images_of
+from activeslam_gym.vision.sources import Frame, images_of
 from activeslam_gym.vision.target import read_target
 from activeslam_gym.vision.track import follow, scenario_of, summary, track
 from activeslam_gym.vision.views import projected, reduced
@@ -344,16 +344,32 @@ def test_rows_of_a_turned_picture_have_no_readout_time(sequence, tmp_path, capsy
     assert "got 240 x 320" in capsys.readouterr().err
 
 
-def test_a_wrong_focal_length_of_the_calibration_is_told_and_a_right_one_is_not() -> None:
-    """A camera slides and turns to and fro; the calibration's focal length is 5 % too long, right, 5 % too short."""
-    lens = Calibration(320, 240, 200.0, 159.5, 119.5, 0.0)
-    room, images = RoomCamera(EXCERPTS, lens.camera, np.random.SeedSequence(6)), list[tuple[float, np.ndarray]]()
+def swung(lens: Calibration) -> list[Frame]:
+    """Images of a camera that slides and turns to and fro."""
+    room, images = RoomCamera(EXCERPTS, lens.camera, np.random.SeedSequence(6)), list[Frame]()
     for at in np.arange(100) / 30.0:
         turn = Rotation.from_rotvec((0.1 * np.sin(3.0 * at), 0.4 * np.sin(2.0 * at), 0.0))
         state = np.concatenate(((0.3 * np.sin(1.5 * at), 0.0, 0.0), np.roll(turn.as_quat(), 1), np.zeros(6)))
         images.append((at, room.photograph(state, len(images))))
+    return images
+
+
+def test_a_wrong_focal_length_of_the_calibration_is_told_and_a_right_one_is_not() -> None:
+    """The calibration's focal length is 5 % too long, right, 5 % too short."""
+    lens = Calibration(320, 240, 200.0, 159.5, 119.5, 0.0)
+    images = swung(lens)
     for ratio in (1.05, 1.0, 0.95):
         done = follow(images, lens._replace(focal_px=ratio * lens.focal_px), None, 30.0)
         assert (done.misfit is not None) == (ratio != 1.0) and done.start_certain
         assert ("times the focal length of the calibration" in done.doubt) == (ratio != 1.0)
         assert done.misfit is None or abs(ratio * done.misfit[0] - 1.0) < 0.02
+        assert done.bent is None
+
+
+@pytest.mark.parametrize(("distortion", "calibrated"), [(6e-6, 0.0), (6e-6, 6e-6), (6e-6, 8e-6)])
+def test_a_wrong_distortion_of_the_calibration_is_told_and_a_right_one_is_not(distortion, calibrated) -> None:
+    lens = Calibration(320, 240, 200.0, 159.5, 119.5, distortion)
+    done = follow(swung(lens), lens._replace(distortion=calibrated), None, 30.0)
+    assert (done.bent is not None) == (distortion != calibrated)
+    assert ("check its model and distortion" in done.doubt) == (distortion != calibrated)
+    assert done.bent is None or (done.bent[0] > 1.0) == (calibrated > distortion)

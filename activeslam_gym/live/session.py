@@ -89,7 +89,7 @@ class Session:
         self.adviser: Adviser | None = None
         self.log: FrameLog | None = None
         """Of the last image but the first."""
-        self._agreement, self._repeats = Agreement(), False
+        self._agreement, self._repeats = Agreement(frame_time=self.source.scenario.frame_time), False
         self._frame, self._time, self._zero, self._good = 0, 0.0, 0.0, 0.0
         self._image = np.zeros((self.source.scenario.image_height, self.source.scenario.image_width), np.uint8)
         self._mapped: set[int] = set()

@@ -8,8 +8,14 @@ FEATURES, TRACK_FEATURES, FEWEST, MOST = 49, 200, 20, 500
 """Features of a map: those of the paper, "fewer than 50", those of `track`, the fewest and the most that are allowed.
 
 With a target, of 10 videos of a minute through rooms 4 were wrong in silence with 49, 2 with 100, none from 150 on."""
+RATE = 30.0  # images a second of a camera, up to which numbers of images are stated; of more, each counts less
 ENOUGH = 1.0 - 1.0 / math.e  # of the limit of a feature's running record, from which it is judged
 LEAST_SIDE = 240  # pixels along an image that leave room for features
+
+
+def weight_of_image(frame_time: float) -> float:
+    """What an image counts for, where they are ``frame_time`` [s] apart: one, up to 30 images a second."""
+    return min(1.0, RATE * frame_time)
 
 
 @dataclass(frozen=True)
@@ -70,6 +76,10 @@ class FrontEndSettings:
     def seen_through(self, focal: float) -> "FrontEndSettings":
         """The same, with an area of the same angle in a lens of ``focal`` length [px]."""
         return replace(self, largest_area=self.largest_area * (focal / FOCAL_PX) ** 2)
+
+    def timed(self, frame_time: float) -> "FrontEndSettings":
+        """The same, with ``trials`` of the same time for a camera whose images are ``frame_time`` [s] apart."""
+        return replace(self, trials=round(self.trials / weight_of_image(frame_time)))
 
 
 SIGHTED = FrontEndSettings(

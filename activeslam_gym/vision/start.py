@@ -25,6 +25,7 @@ from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.frontend import FrameLog, FrontEnd
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.report import Agreement
+from activeslam_gym.vision.settings import RATE, weight_of_image
 from activeslam_gym.vision.sources import Frame
 from activeslam_gym.vision.tracked import FEWEST, MOST_TURNED, SHARED, VELOCITY_IMAGES, Corners
 
@@ -46,6 +47,7 @@ _ASTRAY = 3.0  # deviations of its mean residual, from which a corner is left ou
 _CORRELATED = 9.0  # growth of the covariance: residuals of a corner are alike in neighbouring images
 _PACE = 3.0  # acceleration's deviation over the speed [1/s]
 _SHARE = 1.0 / 30.0  # of an image in the running mean
+_LEAST_STEP = 0.8 / RATE  # between two images in which corners are tracked; poses between are interpolated [s]
 _ACCELERATIONS = 0.3, 2.0  # the least and the greatest, in the free unit
 KNOWN = np.radians(1.5)  # deviation of the turn since the start, from which the track is uncertain
 _NARROW = np.radians(50.0)
@@ -100,11 +102,12 @@ def steps_from_anywhere(
             filter.restore(belief)
             held = []
     if ending is None:
-        square, agreement = np.sum(filter.mean[VELOCITY] ** 2), Agreement(metric=False)
+        share = _SHARE * weight_of_image(float(motion.dt))
+        square, agreement = np.sum(filter.mean[VELOCITY] ** 2), Agreement(False, float(motion.dt))
         for frame in source:
             motion.filter_acceleration_std = np.clip(_PACE * np.sqrt(square), *_ACCELERATIONS)
             log = agreement.judged(front_end.step(frame[1], frame[0]))
-            square += _SHARE * (np.sum(filter.mean[VELOCITY] ** 2) - square)
+            square += share * (np.sum(filter.mean[VELOCITY] ** 2) - square)
             known = log.start_certain and np.trace(filter.camera_covariance[3:6, 3:6]) < KNOWN**2
             yield frame, log._replace(start_certain=bool(known and wide))
     elif not isinstance(ending, StopIteration):
@@ -122,17 +125,21 @@ class Start:
 
     def __init__(self, calibration: Calibration, longest_step: float = np.inf, readout: float = 0.0) -> None:
         self.corners, self._longest_step = Corners(calibration, readout), longest_step
-        self._next, self._certain = 0, list[Opening]()
+        self._next, self._certain, self._logs = 0, list[Opening](), list[FrameLog]()
         self.best: Opening | None = None
         """The likeliest so far; the one that is certain is the start."""
 
     def add(self, time: float, image: np.ndarray) -> FrameLog:
-        """Go on to the ``image`` (h, w) uint8 of ``time`` [s]: what was seen in it."""
+        """Go on to the ``image`` (h, w) uint8 of ``time`` [s]: what was seen in it, or in the one that it follows too
+        soon to be tracked."""
         began = thread_time()
         corners, k, before = self.corners, len(self.corners.seen), int(self.corners.live.sum())
-        last = corners.seen[-1].time if k else -np.inf
-        if time <= last:
-            raise ValueError(f"times of images must grow, got {time:g} s after {last:g} s")
+        last, latest = (corners.seen[-1].time, self._logs[-1].time) if k else (-np.inf, -np.inf)
+        if time <= latest:
+            raise ValueError(f"times of images must grow, got {time:g} s after {latest:g} s")
+        if time - last < _LEAST_STEP:
+            self._logs.append(self._logs[-1]._replace(time=time, initialised=0, deletions=0, milliseconds=0.0))
+            return self._logs[-1]
         lost = not corners.add(time, image, time - last <= self._longest_step)
         if k == corners.since:
             self.best, self._next, self._certain = None, 0, []
@@ -141,7 +148,9 @@ class Start:
             self.best = self._confirmed(_adjusted(corners)) or self.best
         seen, initialised = int(corners.live.sum()), corners.initialised
         counts = (seen, before, seen - initialised, seen - initialised, 0, initialised, before + initialised - seen)
-        return FrameLog(time, *counts, not lost, lost, False, False, 1e3 * (thread_time() - began), False)
+        spent = 1e3 * (thread_time() - began)
+        self._logs.append(FrameLog(time, *counts, not lost, lost, False, False, spent, False))
+        return self._logs[-1]
 
     def _confirmed(self, opening: Opening | None) -> Opening | None:
         """The same, certain only if one of at most half as many images was so and had the same motion: few can err."""
@@ -180,7 +189,13 @@ class Start:
             certain[first:], known[first:] = best.certain, True
             known[:first] &= bool(self.corners.seen[first].turned)
         cameras[:, QUATERNION] = np.roll(Rotation.from_matrix(R_WC).as_quat(), 1, axis=1)
-        return cameras, covariances, certain, known
+        at = np.interp([log.time for log in self._logs], [one.time for one in self.corners.seen], np.arange(n))
+        before, after, share = at.astype(int), np.ceil(at).astype(int), (at % 1.0)[:, None]
+        x, y = cameras[before], cameras[after]  # of the tracked images, between which each image is
+        y[:, QUATERNION] *= np.sign((x * y)[:, QUATERNION].sum(axis=1, keepdims=True))
+        x += share * (y - x)
+        x[:, QUATERNION] /= np.where(share > 0.0, np.linalg.norm(x[:, QUATERNION], axis=1, keepdims=True), 1.0)
+        return x, covariances[before], certain[before], known[before] & known[after]
 
     def belief(self, best: Opening, acceleration_stds: tuple[float, float], most: int) -> tuple[np.ndarray, ...]:
         """Of the last image and the ``best`` opening, which ends there, the camera (13,), ``most`` points or fewer by

@@ -160,7 +160,8 @@ def start(
     fiducials = fiducials_among(points)
     mean, P = np.concatenate((pose, np.zeros(6))), np.diag(np.repeat((1.0, _SPEED_STD**2, _TURN_STD**2), (6, 3, 3)))
     P[:6, :6] = covariance * max(1.0, missed / _CORNER_STD) ** 2
-    front_end = FrontEnd(Filter(scenario, fiducials=fiducials, camera=mean, covariance=P), settings)
+    timed = (settings or FrontEndSettings()).timed(scenario.frame_time)
+    front_end = FrontEnd(Filter(scenario, fiducials=fiducials, camera=mean, covariance=P), timed)
     camera = front_end.camera
     picture, pixels, bright = drawn(reduced(image, calibration.scale), camera, target, pose, fiducials)
     front_end.start(image, time_s, -1 - np.arange(len(pixels)), pixels, picture, _BEHIND)
@@ -205,12 +206,13 @@ def follow(
     source, scenario = _of_size(images, calibration), scenario_of(calibration, target is not None, rate, features)
     if target is None:
         home = np.concatenate((np.zeros(3), FACING, np.zeros(6)))
-        front_end = FrontEnd(Filter(scenario, camera=home), settings)
+        timed = (settings or FrontEndSettings()).timed(scenario.frame_time)
+        front_end = FrontEnd(Filter(scenario, camera=home), timed)
         steps = steps_from_anywhere(source, calibration, front_end)
     else:
         first, began = next(source), thread_time()
         front_end = start(first[1], calibration, target, scenario, settings, first[0])
-        agreement = Agreement()
+        agreement = Agreement(frame_time=1.0 / rate)
 
         def judged(frame: Frame) -> tuple[Frame, FrameLog]:
             log = agreement.judged(front_end.step(frame[1], frame[0]), front_end.strayed)

@@ -148,9 +148,9 @@ class Agreement:
         ``strayed``: residuals of the features that were deleted, see `FrontEnd` [px]; of use before a target."""
         self.holds &= log.start_certain
         if log.searched:
-            share, deleted = _SHARE * self._weight, (strayed if self._metric else log.deletions) / self._weight
-            self._matched += share * (log.matched - self._matched) if self._matched else log.matched
-            self._deleted += share * (deleted - self._deleted)
+            gain, deleted = _SHARE * self._weight, (strayed if self._metric else log.deletions) / self._weight
+            self._matched += gain * (log.matched - self._matched) if self._matched else log.matched
+            self._deleted += gain * (deleted - self._deleted)
             most, share = _MOST_STRAYED * max(self._matched, 1.0), log.matched / log.searched
             self._seen = share > _BACK or (self._seen and share >= _FALL * self._share)
             self._share = share

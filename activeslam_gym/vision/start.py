@@ -106,7 +106,7 @@ def steps_from_anywhere(
         square, agreement = np.sum(filter.mean[VELOCITY] ** 2), Agreement(False, float(motion.dt))
         for frame in source:
             motion.filter_acceleration_std = np.clip(_PACE * np.sqrt(square), *_ACCELERATIONS)
-            log = agreement.judged(front_end.step(frame[1], frame[0]))
+            log = agreement.judged(front_end.step(frame[1], frame[0]), front_end.strayed)
             square += share * (np.sum(filter.mean[VELOCITY] ** 2) - square)
             known = log.start_certain and np.trace(filter.camera_covariance[3:6, 3:6]) < KNOWN**2
             yield frame, log._replace(start_certain=bool(known and wide))

@@ -265,9 +265,11 @@ def test_a_jerk_from_which_the_map_returns_with_few_changes_is_no_contradiction(
 
 @pytest.mark.parametrize("strayed, holds", [(0.0, True), (0.3, True), (0.6, False)])
 def test_features_that_noise_hides_contradict_no_map_and_those_that_stray_do(strayed, holds) -> None:
-    log, agreement = FrameLog(0.0, 45, 35, 31, 30, 1, 3, 3, True, False, False, True, 2.0), Agreement()
-    certain = [agreement.judged(log, strayed).start_certain for _ in range(90)]
-    assert certain[0] and certain[-1] == holds
+    for metric, deletions in ((True, 3), (False, 1)):
+        log = FrameLog(0.0, 45, 35, 31, 30, 1, 3, deletions, True, False, False, True, 2.0)
+        agreement = Agreement(metric)
+        certain = [agreement.judged(log, strayed).start_certain for _ in range(90)]
+        assert certain[0] and certain[-1] == holds
 
 
 def test_images_that_repeat_the_one_before_have_its_pose_and_tell_of_no_rest() -> None:

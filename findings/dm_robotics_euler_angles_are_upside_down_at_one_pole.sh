@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # dm-robotics-transformations 0.10.0: `rmat_to_euler(matrix, "ZYX")` finds yaw, pitch and roll. At a pitch of 90 degrees
-# up or down, yaw and roll cannot be told apart. The library sets the yaw to 0 and computes the roll. It has one formula
+# up or down, yaw and roll cannot be separated. The library sets the yaw to 0 and computes the roll. It has one formula
 # for both poles, which is that of +90 degrees. At -90 degrees, both arguments of its arctangent have the wrong sign. So
 # the roll is off by 180 degrees: a robot that looks straight up or down comes back turned by half a turn. It warns of
 # the pole, as it does at +90 degrees, where it is right.

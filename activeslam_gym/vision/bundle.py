@@ -8,6 +8,7 @@ the one in which the mean of rho is `UNIT`: bearings tell of no other.
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 UNIT = 1.5
@@ -37,10 +38,8 @@ class Geometry(NamedTuple):
         cameras, points = np.concatenate((np.zeros(6), cameras)).reshape(K, 6), points.reshape(N, 3)
         R = Rotation.from_rotvec(cameras[:, 3:]).as_matrix() @ self.R_WC
         d = self.d + (tangents(self.d) @ points[:, :2, None])[..., 0]
-        return Geometry(
-            R, self.p + cameras[:, :3], d / np.linalg.norm(d, axis=1)[:, None], self.rho + points[:, 2],
-            self.lens + lens,
-        ).in_unit()  # fmt: skip
+        d /= np.linalg.norm(d, axis=1)[:, None]
+        return Geometry(R, self.p + cameras[:, :3], d, self.rho + points[:, 2], self.lens + lens).in_unit()
 
     def in_unit(self) -> "Geometry":
         """The same with the mean inverse depth `UNIT`; a mirror image, all behind the cameras, is turned over."""
@@ -131,7 +130,7 @@ class Bundle:
         by_camera, both, by_point, g_camera, g_point = self._blocks(x)
         cameras, N, g = g_camera.size, len(by_point), np.concatenate((g_camera.ravel(), g_point.ravel()))
         H, unit = np.zeros((len(g),) * 2), np.zeros(len(g))
-        H[:cameras, :cameras], H[cameras:, cameras:] = _diagonal(by_camera), _diagonal(by_point)
+        H[:cameras, :cameras], H[cameras:, cameras:] = block_diag(*by_camera), block_diag(*by_point)
         H[:cameras, cameras:] = both.transpose(0, 2, 1, 3).reshape(cameras, 3 * N)
         H[cameras:, :cameras] = H[:cameras, cameras:].T
         unit[cameras + 2 :: 3] = 1.0 / N
@@ -169,14 +168,6 @@ class Bundle:
         return np.stack((across, across, np.ones_like(across)), axis=-1)
 
 
-def _diagonal(blocks: np.ndarray) -> np.ndarray:
-    """(n m, n m) the matrix with the ``blocks`` (n, m, m) on its diagonal."""
-    n, m, _ = blocks.shape
-    out = np.zeros((n, m, n, m))
-    out[np.arange(n), :, np.arange(n)] = blocks
-    return out.reshape(n * m, n * m)
-
-
 def _step(blocks: tuple[np.ndarray, ...], damping: float) -> np.ndarray:
     """The step of Levenberg and Marquardt's method by `Bundle._blocks`."""
     H, g, B, inverse, g_point = _reduced(blocks, damping)
@@ -193,7 +184,7 @@ def _reduced(blocks: tuple[np.ndarray, ...], damping: float) -> tuple[np.ndarray
     )
     n, inverse = 6 * len(A), np.linalg.inv(C)
     B, BC = (M.transpose(0, 2, 1, 3).reshape(n, -1) for M in (both, both @ inverse))
-    A, g = _diagonal(A), g_camera.ravel()
+    A, g = block_diag(*A), g_camera.ravel()
     if lens:
         columns, rows, _, slope = lens
         side = columns.reshape(n, -1)

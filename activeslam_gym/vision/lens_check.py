@@ -17,7 +17,7 @@ _IMAGES, _FEATURES, _ROUNDS = 8, 30, 30  # of an adjustment; rounds: a lens that
 _FEWEST, _FEWEST_SEEN, _SIGHTS = 100, 6, 3  # pixels in all; features in an image; images with a feature
 _PIXEL_STD = 0.1  # larger residuals count less [px]
 _CORRELATED, _LEAST_STD = 3.0, 0.005  # growth of the deviation: residuals of a feature are alike; the least
-_SURE = 0.02, 3.0  # the least misfit that is told, and in deviations
+_SURE = 0.02, 3.0  # the least misfit that is reported, and in deviations
 
 
 class LensCheck:
@@ -85,7 +85,7 @@ class LensCheck:
             P = bundle.lens_covariance(x)
         except np.linalg.LinAlgError:
             return
-        shared = np.array((P[0, 1] / P[1, 1], 0.0))  # the focal length is told as if the distortion were right
+        shared = np.array((P[0, 1] / P[1, 1], 0.0))  # the focal length, as if the distortion were right
         std = _CORRELATED * np.sqrt(P.diagonal() - shared * P[0, 1])
         self._estimates.append((x.lens - shared * x.lens[1], np.hypot(std, _LEAST_STD)))
         logs, stds = np.swapaxes(self._estimates, 0, 1)

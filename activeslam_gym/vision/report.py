@@ -129,7 +129,7 @@ class Agreement:
 
     The features of a wrong map stray from their predicted pixels until they are deleted. Before a target, the residuals
     of the deleted for each matched feature, as running means, exceeded their limit in 2 of 46 right flights in rendered
-    rooms, and in 30 of 54 wrong ones; other flights had told the limit. Something that moves before the camera is
+    rooms, and in 30 of 54 wrong ones; the limit was chosen in other flights. Something that moves before the camera is
     mostly found, a zoom in 3 of 7. Features that noise hides are deleted too, and tell little of the map: only without
     a target, where more than `_MOST_FREE` in an image count. So 6 of 37 right flights are flagged there, and 7 of 10
     wrong ones; in other rooms none of 14, and 4 of 10.

@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
-
 from activeslam_gym.__main__ import main
 from activeslam_gym.camera import camera_of
 from activeslam_gym.geometry import quaternion_exp, rotation_error, rotation_matrix
@@ -22,10 +21,9 @@ from activeslam_gym.motion import CAMERA_SIZE, QUATERNION
 from activeslam_gym.vision.bundle import Bundle, Geometry
 from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.first_sight import seen_corners, start_pose
-from activeslam_gym.vision.frontend import FrameLog, FrontEnd
-from activeslam_gym.vision.report import TURNED, Agreement
+from activeslam_gym.vision.frontend import FrontEnd
+from activeslam_gym.vision.report import TURNED
 from activeslam_gym.vision.room.camera import RoomCamera
-from activeslam_gym.vision.settings import FrontEndSettings
 from activeslam_gym.vision.sources import Frame
 from activeslam_gym.vision.start import Start
 from activeslam_gym.vision.target import CORNERS, FACING, target_from
@@ -180,17 +178,6 @@ def test_a_start_whose_normal_equations_are_nearly_singular_is_none(monkeypatch)
     assert tried and search.best is None
 
 
-@pytest.mark.parametrize("rate", [15, 30, 60, 120])
-def test_rules_that_count_images_are_the_same_time_from_30_images_a_second_on(rate: int) -> None:
-    weight = min(1.0, 30.0 / rate)
-    assert FrontEndSettings().timed(1.0 / rate).trials == round(10 / weight)
-    for most in (1.0, 1.2):  # features deleted in each thirtieth of a second
-        agreement, log = Agreement(False, 1.0 / rate), FrameLog(0.0, 49, 20, 20, 20, 0, 0, 0, *[True] * 4, 0.0)
-        deleted = np.diff(np.floor(most * weight * np.arange(10 * rate)))
-        held = [agreement.judged(log._replace(deletions=int(count))).start_certain for count in deleted]
-        assert held[int(1.5 / weight) * 30] and held[-1] == (most < 1.1)
-
-
 def test_what_interrupts_the_images_of_the_start_ends_the_track(free) -> None:
     def images() -> Iterator[Frame]:
         yield from free[:7]
@@ -338,23 +325,6 @@ def test_a_start_in_motion_is_right() -> None:
     done = flown(lens_of(400.0), cameras)
     assert done.start_certain and done.logs[0].start_certain
     assert turn_errors(done, cameras).max() < np.radians(0.5)
-
-
-def test_the_start_at_120_images_a_second_is_that_at_30() -> None:
-    lens = lens_of(400.0)
-    room, few, many = RoomCamera(EXCERPTS, lens.camera, np.random.SeedSequence(5)), Start(lens), Start(lens)
-    for k, camera in enumerate(in_motion(120)):
-        image = room.photograph(camera, k)
-        many.add(k / 120.0, image)
-        if k % 4 == 0:
-            few.add(k / 120.0, image)
-        if many.best is not None and many.best.certain:
-            break
-    assert few.best is not None and few.best.certain
-    for at_30, at_120 in zip(few.cameras(), many.cameras()):
-        np.testing.assert_array_equal(at_30, at_120[::4])
-    place = many.cameras()[0][:, :3]
-    np.testing.assert_allclose(place[2::4], 0.5 * (place[:-1:4] + place[4::4]), atol=1e-12)
 
 
 def test_an_object_that_moves_is_no_motion_of_the_camera() -> None:
